@@ -1,0 +1,1 @@
+"""Fly a drone past a target and estimate where the target is."""

@@ -1,0 +1,1 @@
+"""Aircraft behind one interface, `Drone`."""

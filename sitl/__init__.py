@@ -1,0 +1,1 @@
+"""Simulated drones, cameras and people: scripted missions, met only over the wire."""
