@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import math
+import threading
+from bisect import bisect_right
 from dataclasses import dataclass
+
+import numpy as np
 
 from mission.records import Matrix, Vector
 
@@ -22,3 +27,168 @@ class Pose:
     """(3, 3)."""
     attitude_covariance_rad2: Matrix
     """(3, 3), about the body's forward, right and down axes."""
+
+
+class PoseBuffer:
+    """The last seconds of two streams, position and attitude, each with its own times, interpolated at any time between.
+
+    Position and velocity come from a cubic Hermite segment between the two neighbouring positions, attitude from the arc
+    on the sphere between the two neighbouring attitudes (slerp; Shoemake 1985). There is no pose across a gap of more than
+    `max_gap_s` in either stream, nor before the oldest or after the newest message: a stale pose is worse than none.
+
+    Times may be of any one clock, as long as both streams share it. Safe to use from several threads.
+
+    Args:
+        max_gap_s: the largest time between two neighbouring messages across which a pose is still interpolated.
+        keep_s: how much of the past is kept.
+        max_messages: bound on each stream, whatever its rate.
+    """
+
+    def __init__(self, max_gap_s: float = 0.3, keep_s: float = 30.0, max_messages: int = 8000) -> None:
+        self._max_gap_s = max_gap_s
+        self._positions = _Stream(keep_s, max_messages)
+        self._attitudes = _Stream(keep_s, max_messages)
+        self._lock = threading.Lock()
+
+    def add_position(self, t_s: float, position_enu_m: Vector, velocity_enu_m_s: Vector) -> bool:
+        """Add a position (3,) m and velocity (3,) m/s; False when it is not finite or not newer than the last one."""
+        values = np.concatenate([position_enu_m, velocity_enu_m_s]).astype(np.float64)
+        with self._lock:
+            return self._positions.add(t_s, values)
+
+    def add_attitude(self, t_s: float, world_from_body_wxyz: Vector) -> bool:
+        """Add a unit quaternion (4,); False when it is not finite or not newer than the last one."""
+        norm = float(np.linalg.norm(world_from_body_wxyz))
+        if not 0.5 < norm < 2.0:
+            return False
+        with self._lock:
+            return self._attitudes.add(t_s, np.asarray(world_from_body_wxyz, np.float64) / norm)
+
+    def clear(self) -> None:
+        """Forget everything, for example after the remote clock was restarted."""
+        with self._lock:
+            self._positions.clear()
+            self._attitudes.clear()
+
+    def newest_s(self) -> float | None:
+        """The newest time at which a pose can be had (the older of the two streams' ends)."""
+        with self._lock:
+            if not self._positions.times or not self._attitudes.times:
+                return None
+            return min(self._positions.times[-1], self._attitudes.times[-1])
+
+    def at(self, t_s: float, position_covariance_m2: Matrix, attitude_covariance_rad2: Matrix) -> Pose | None:
+        """The pose at a time, or None across a gap or outside what was received.
+
+        Args:
+            t_s: on the clock of the two streams.
+            position_covariance_m2: (3, 3), handed through.
+            attitude_covariance_rad2: (3, 3), handed through.
+        """
+        with self._lock:
+            position = self._positions.around(t_s, self._max_gap_s)
+            attitude = self._attitudes.around(t_s, self._max_gap_s)
+        if position is None or attitude is None:
+            return None
+        t0, t1, before, after = position
+        place, velocity = hermite(
+            (t_s - t0) / (t1 - t0) if t1 > t0 else 0.0, t1 - t0, before[:3], before[3:], after[:3], after[3:]
+        )
+        a0, a1, q0, q1 = attitude
+        turned = slerp((t_s - a0) / (a1 - a0) if a1 > a0 else 0.0, q0, q1)
+        return Pose(t_s, place, velocity, turned, position_covariance_m2, attitude_covariance_rad2)
+
+
+class _Stream:
+    """Times in rising order and what was reported at them."""
+
+    def __init__(self, keep_s: float, max_messages: int) -> None:
+        self.times: list[float] = []
+        self.values: list[Vector] = []
+        self._keep_s = keep_s
+        self._max = max_messages
+
+    def add(self, t_s: float, value: Vector) -> bool:
+        if not (math.isfinite(t_s) and bool(np.isfinite(value).all())):
+            return False
+        if self.times and t_s <= self.times[-1]:
+            return False
+        self.times.append(t_s)
+        self.values.append(value)
+        # Trimmed in blocks: deleting one from the front on every message would move the whole list each time.
+        if len(self.times) > self._max or t_s - self.times[0] > 1.25 * self._keep_s:
+            first = max(bisect_right(self.times, t_s - self._keep_s), len(self.times) - (3 * self._max) // 4)
+            del self.times[:first]
+            del self.values[:first]
+        return True
+
+    def clear(self) -> None:
+        self.times.clear()
+        self.values.clear()
+
+    def around(self, t_s: float, max_gap_s: float) -> tuple[float, float, Vector, Vector] | None:
+        """The neighbours of a time; a time that is exactly that of a message is its own neighbour."""
+        if not self.times or not self.times[0] <= t_s <= self.times[-1]:
+            return None
+        i = bisect_right(self.times, t_s) - 1
+        if self.times[i] == t_s:
+            return t_s, t_s, self.values[i], self.values[i]
+        if self.times[i + 1] - self.times[i] > max_gap_s:
+            return None
+        return self.times[i], self.times[i + 1], self.values[i], self.values[i + 1]
+
+
+def hermite(u: float, dt_s: float, p0: Vector, v0: Vector, p1: Vector, v1: Vector) -> tuple[Vector, Vector]:
+    """Cubic Hermite segment: position and velocity at the fraction `u` (0 to 1) of a segment of `dt_s` seconds.
+
+    Args:
+        u: fraction of the segment.
+        dt_s: its duration; 0 returns the first point.
+        p0: (n,) position at its start, m.
+        v0: (n,) velocity there, m/s.
+        p1: (n,) position at its end, m.
+        v1: (n,) velocity there, m/s.
+    """
+    if dt_s <= 0.0:
+        return p0.copy(), v0.copy()
+    u2, u3 = u * u, u * u * u
+    place = (2 * u3 - 3 * u2 + 1) * p0 + (u3 - 2 * u2 + u) * dt_s * v0 + (-2 * u3 + 3 * u2) * p1 + (u3 - u2) * dt_s * v1
+    velocity = (6 * u2 - 6 * u) * (p0 - p1) / dt_s + (3 * u2 - 4 * u + 1) * v0 + (3 * u2 - 2 * u) * v1
+    return place, velocity
+
+
+def slerp(u: float, q0: Vector, q1: Vector) -> Vector:
+    """Attitude at the fraction `u` of the shorter arc from one unit quaternion (4,) to another (Shoemake 1985)."""
+    dot = float(q0 @ q1)
+    if dot < 0.0:
+        q1, dot = -q1, -dot
+    if dot > 1.0 - 1e-9:
+        mixed: Vector = (1.0 - u) * q0 + u * q1
+    else:
+        angle = math.acos(dot)
+        mixed = (math.sin((1.0 - u) * angle) * q0 + math.sin(u * angle) * q1) / math.sin(angle)
+    return mixed / np.linalg.norm(mixed)
+
+
+def world_from_body(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Vector:
+    """Unit quaternion (4,) from ENU to forward-right-down for MAVLink's ATTITUDE angles.
+
+    ATTITUDE turns NED into the body by yaw, pitch, roll (Z-Y-X); NED in ENU is half a turn about the axis between
+    north and east: the quaternion (0, 1, 1, 0) / sqrt 2.
+    """
+    cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
+    cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
+    cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
+    w = cr * cp * cy + sr * sp * sy
+    x = sr * cp * cy - cr * sp * sy
+    y = cr * sp * cy + sr * cp * sy
+    z = cr * cp * sy - sr * sp * cy
+    s = math.sqrt(0.5)
+    return np.array([-s * (x + y), s * (w + z), s * (w - z), s * (y - x)])
+
+
+def heading(world_from_body_wxyz: Vector) -> float:
+    """Heading of the nose, radians clockwise from true north, -pi to pi."""
+    w, x, y, z = (float(c) for c in world_from_body_wxyz)
+    east, north = w * w + x * x - y * y - z * z, 2.0 * (x * y + w * z)
+    return math.atan2(east, north)

@@ -64,12 +64,12 @@ class Box:
 
     @property
     def right_px(self) -> float:
-        """x of the right side."""
+        """The right side's x."""
         return self.left_px + self.width_px
 
     @property
     def bottom_px(self) -> float:
-        """y of the lower side."""
+        """The lower side's y."""
         return self.top_px + self.height_px
 
     def contains(self, x_px: float, y_px: float) -> bool:

@@ -1,8 +1,9 @@
 """`Drone`: the one interface that every aircraft shares.
 
-It is drawn for two: a MAVLink autopilot (position setpoints, global position) and the AR.Drone 2.0 (roll, pitch, yaw-rate
-commands only, perhaps no GPS fix). Orders return at once with an `Order` that the caller watches; nothing here blocks on
-the flight. The aircraft is flown by a process of its own (`mission.drones.pilot`) that stops it when this one falls silent.
+It is drawn for two: a MAVLink autopilot (position setpoints, global position) and the AR.Drone 2.0 (roll, pitch and
+yaw-rate commands only, perhaps no GPS fix). Orders return at once with an `Order` that the caller watches; nothing here
+blocks on the flight. The aircraft is flown by a process of its own (`mission.drones.pilot`) that stops it when this one
+falls silent.
 """
 
 from __future__ import annotations

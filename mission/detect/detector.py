@@ -1,0 +1,54 @@
+"""What every detector of people has in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from mission.records import Box, Detection, Image
+
+
+class Detector(Protocol):
+    """Finds people in a picture."""
+
+    @property
+    def name(self) -> str:
+        """What the operator calls it: auto, hog or nanodet."""
+        ...
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+        """People in the picture, best score first; none is an empty list.
+
+        Args:
+            image: BGR, shape (height, width, 3).
+            region: look only here; the boxes are still in pixels of the whole picture.
+
+        Returns:
+            Boxes around whole bodies, head to foot, pixels, (0, 0) = outer corner of the top left pixel. Scores of
+            different detectors are not comparable.
+        """
+        ...
+
+
+def crop(image: Image, region: Box | None) -> tuple[Image, int, int]:
+    """The part of the picture inside the region (whole pixels), and the column and row where it starts."""
+    height, width = image.shape[:2]
+    if region is None:
+        return image, 0, 0
+    left = int(np.clip(np.floor(region.left_px), 0, width))
+    top = int(np.clip(np.floor(region.top_px), 0, height))
+    right = int(np.clip(np.ceil(region.right_px), left, width))
+    bottom = int(np.clip(np.ceil(region.bottom_px), top, height))
+    return image[top:bottom, left:right], left, top
+
+
+def suppress(found: Sequence[Detection], score_threshold: float, overlap: float) -> list[Detection]:
+    """Non-maximum suppression (greedy, by intersection over union), best score first."""
+    if not found:
+        return []
+    boxes = [(d.box.left_px, d.box.top_px, d.box.width_px, d.box.height_px) for d in found]
+    kept = cv2.dnn.NMSBoxes(boxes, [d.score for d in found], score_threshold, overlap)
+    return sorted((found[int(i)] for i in np.ravel(kept)), key=lambda d: -d.score)

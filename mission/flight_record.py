@@ -1,0 +1,144 @@
+"""What was seen during one sidestep, kept until the pose of every frame is known, and turned into the estimator's input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+
+from mission.camera.file import Camera
+from mission.drones.drone import Drone
+from mission.pose import Pose
+from mission.records import (
+    FlightSightings,
+    Frame,
+    GeodeticOrigin,
+    Image,
+    Matrix,
+    NoiseModel,
+    TargetPrior,
+)
+from mission.sighting import camera_position, exposure_time, sighting
+from mission.track import PIXEL_CORRELATION_S, SIZE_CORRELATION_S, Track
+
+KEY_FRAMES = 20
+"""Frames kept as pictures for the contact sheet."""
+PICTURE_MARGIN = 0.4
+"""Room around the target in its picture, as a fraction of its box."""
+DEFAULT_SIZE_SIGMA = 0.04
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """A frame's track, at the frame's time on the program's clock as the video tells it."""
+
+    t_s: float
+    track: Track
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeyFrame:
+    """A picture that people will see, with what the tracker made of it."""
+
+    image: Image
+    t_s: float
+    track: Track
+
+
+@dataclass(slots=True)
+class FlightRecord:
+    """Collects the tracks of a sidestep and the pictures for people.
+
+    Args:
+        id: the flight's name.
+        camera: what turns pixels into bearings.
+        interval_s: time between key frames.
+    """
+
+    id: str
+    camera: Camera
+    interval_s: float
+    seen: list[Seen] = field(default_factory=list)
+    key_frames: list[KeyFrame] = field(default_factory=list)
+
+    def add(self, frame: Frame, track: Track) -> None:
+        """Keep a frame's track, and the frame itself now and then."""
+        self.seen.append(Seen(frame.t_s, track))
+        due = not self.key_frames or frame.t_s - self.key_frames[-1].t_s >= self.interval_s
+        if due and len(self.key_frames) < KEY_FRAMES:
+            self.key_frames.append(KeyFrame(frame.image.copy(), frame.t_s, track))
+
+    def target_picture(self) -> bytes | None:
+        """JPEG of the target from the sharpest view of it (the largest box), or None when there is none."""
+        best = max(
+            (key for key in self.key_frames if key.track.state == "tracking"),
+            key=lambda key: key.track.box.height_px,
+            default=None,
+        )
+        if best is None:
+            return None
+        box = best.track.box
+        height, width = best.image.shape[:2]
+        left = int(np.clip(box.left_px - PICTURE_MARGIN * box.width_px, 0, width - 2))
+        right = int(np.clip(box.right_px + PICTURE_MARGIN * box.width_px, left + 1, width))
+        top = int(np.clip(box.top_px - PICTURE_MARGIN * box.width_px, 0, height - 2))
+        bottom = int(np.clip(box.bottom_px + PICTURE_MARGIN * box.width_px, top + 1, height))
+        done, encoded = cv2.imencode(".jpg", best.image[top:bottom, left:right])
+        return encoded.tobytes() if done else None
+
+    def sightings(
+        self,
+        origin: GeodeticOrigin,
+        pose_at: Callable[[float], Pose | None],
+        offset_s: float,
+        noise: NoiseModel,
+        prior: TargetPrior,
+    ) -> FlightSightings:
+        """All frames in which the target was tracked and the pose is known.
+
+        Args:
+            origin: of the local frame.
+            pose_at: the aircraft's pose at a program time, None where it is not known.
+            offset_s: how much later than telemetry the video's clock runs.
+            noise: the flight's noise model.
+            prior: what is known of the target.
+        """
+        found = []
+        for seen in self.seen:
+            if seen.track.state != "tracking":
+                continue
+            t_s = exposure_time(seen.t_s - offset_s, seen.track.pixel[1], self.camera)
+            pose = pose_at(t_s)
+            if pose is not None and (not found or t_s >= found[-1].t_s):
+                found.append(sighting(seen.track, t_s, pose, self.camera))
+        return FlightSightings(self.id, origin, self.camera.intrinsics, tuple(found), noise, prior)
+
+    def drone_track(self, pose_at: Callable[[float], Pose | None], offset_s: float) -> Matrix:
+        """Camera path over the sidestep: rows of time, east, north, up; shape (n, 4)."""
+        rows = []
+        for seen in self.seen:
+            pose = pose_at(seen.t_s - offset_s)
+            if pose is not None:
+                rows.append([pose.t_s, *camera_position(pose, self.camera).tolist()])
+        return np.array(rows).reshape(-1, 4)
+
+
+def noise_of(drone: Drone, camera: Camera) -> NoiseModel:
+    """The aircraft's pose noise, the tracker's pixel and size noise, and what an uncalibrated camera adds.
+
+    A focal length that is wrong by a factor turns every bearing off the axis by that factor of its angle. With the target
+    centred to a few degrees this is a slow error of the heading, so it widens the heading's wander and the tilt's bias.
+    """
+    pose = drone.noise()
+    off_axis_rad = np.arctan(0.25 * camera.intrinsics.height_px / camera.intrinsics.fy)
+    from_focal = float(camera.focal_sigma * off_axis_rad)
+    return replace(
+        pose,
+        pixel_correlation_s=PIXEL_CORRELATION_S,
+        size_sigma=DEFAULT_SIZE_SIGMA,
+        size_correlation_s=SIZE_CORRELATION_S,
+        heading_sigma_rad=float(np.hypot(pose.heading_sigma_rad, from_focal)),
+        tilt_bias_sigma_rad=float(np.hypot(pose.tilt_bias_sigma_rad, from_focal)),
+    )

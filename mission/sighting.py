@@ -1,0 +1,61 @@
+"""From a tracked frame and the aircraft's pose to a sighting: the record that the estimators get."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mission.camera.file import Camera
+from mission.camera.model import CameraModel
+from mission.pose import Pose
+from mission.records import Sighting, Vector
+from mission.track import Track
+
+
+def world_from_camera(pose: Pose, camera: Camera) -> Rotation:
+    """How the camera was turned: the aircraft's attitude, then the mounting on the airframe."""
+    body = Rotation.from_quat(pose.world_from_body_wxyz, scalar_first=True)
+    return body * Rotation.from_quat(camera.mounting.body_from_camera_wxyz, scalar_first=True)
+
+
+def camera_position(pose: Pose, camera: Camera) -> Vector:
+    """Where the camera was, ENU, shape (3,)."""
+    body = Rotation.from_quat(pose.world_from_body_wxyz, scalar_first=True)
+    return np.asarray(pose.position_enu_m + body.apply(np.asarray(camera.mounting.position_body_m)))
+
+
+def exposure_time(frame_s: float, row_px: float, camera: Camera) -> float:
+    """When a row of a rolling shutter was exposed, for a frame whose middle row was exposed at `frame_s`."""
+    return frame_s + (row_px / camera.intrinsics.height_px - 0.5) * camera.readout_s
+
+
+def sighting(track: Track, t_s: float, pose: Pose, camera: Camera) -> Sighting:
+    """The sighting of a track at the time `t_s` at which its row was exposed, with the pose of that time."""
+    east, north, up = camera_position(pose, camera).tolist()
+    w, x, y, z = world_from_camera(pose, camera).as_quat(scalar_first=True).tolist()
+    return Sighting(
+        t_s=t_s,
+        position_enu_m=(east, north, up),
+        world_from_camera_wxyz=(w, x, y, z),
+        pixel=(float(track.pixel[0]), float(track.pixel[1])),
+        height_px=track.height_px,
+        pixel_sigma_px=track.pixel_sigma_px,
+        size_sigma=track.size_sigma,
+    )
+
+
+def azimuth_of(pixel: tuple[float, float], pose: Pose, camera: Camera) -> float:
+    """Azimuth of a pixel's line of sight, radians clockwise from north."""
+    ray = world_from_camera(pose, camera).apply(CameraModel(camera.intrinsics).ray(np.array(pixel)))
+    return float(np.arctan2(ray[0], ray[1]))
+
+
+def rotation_shift(pixel: tuple[float, float], before: Pose, now: Pose, camera: Camera) -> tuple[float, float]:
+    """How far a distant point at `pixel` moves in the image by the camera's rotation alone, pixels (x, y)."""
+    model = CameraModel(camera.intrinsics)
+    world = world_from_camera(before, camera).apply(model.ray(np.array(pixel)))
+    turned = world_from_camera(now, camera).inv().apply(world)
+    if turned[2] <= 0.1:
+        return 0.0, 0.0
+    x, y = model.project(turned).tolist()
+    return x - pixel[0], y - pixel[1]
