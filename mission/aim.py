@@ -42,6 +42,10 @@ class Aim:
         self.rate_rad_s = max(-LARGEST_RATE_RAD_S, min(LARGEST_RATE_RAD_S, rate))
         self.t_s = t_s
 
+    def predicted(self, t_s: float) -> float:
+        """Azimuth at a later time if its rate stays; 0 before the first sighting."""
+        return wrapped((self.azimuth_rad or 0.0) + self.rate_rad_s * (t_s - self.t_s))
+
     def heading(self, now_s: float, camera_azimuth_rad: float = 0.0) -> float | None:
         """The heading to order now, or None before the first sighting.
 
@@ -52,4 +56,4 @@ class Aim:
         if self.azimuth_rad is None:
             return None
         ahead = min(0.6, now_s - self.t_s + LOOK_AHEAD_S)
-        return wrapped(self.azimuth_rad + self.rate_rad_s * ahead - camera_azimuth_rad)
+        return wrapped(self.predicted(self.t_s + ahead) - camera_azimuth_rad)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
 from dataclasses import dataclass
 
@@ -25,10 +26,10 @@ class ClockMap:
     """Where a remote clock stands against ours, from messages that arrive with a varying, never negative delay.
 
     The offset (arrival minus remote time) of a message is the true offset plus its delay. The map is the line
-    ``offset = a + b * remote`` that lies below all observed offsets of the last `window_s` and closest to them (the edge of
-    their lower convex hull below their mean: Zhang, Liu, Xia, "Clock synchronization algorithms for network
-    measurements", INFOCOM 2002), so that queueing delay does not move it and a slow drift does not either. What remains
-    is the least delay of the link, which cannot be seen from one side.
+    ``offset = a + b * remote`` that lies below all observed offsets of the last `window_s` and closest to them (the
+    edge of their lower convex hull below their mean: Zhang, Liu, Xia, "Clock synchronization algorithms for network
+    measurements", INFOCOM 2002), so that queueing delay does not move it and a slow drift does not either. What
+    remains is the least delay of the link, which cannot be seen from one side.
 
     The drift `b` is limited to `max_drift`. Real crystals stay below 1e-4; a software-in-the-loop autopilot on a busy
     machine runs up to 2 % slow.
@@ -131,7 +132,7 @@ def _slope_below(points: list[tuple[float, float]]) -> float:
     if len(hull) < 2:
         return 0.0
     mean = sum(x for x, _ in points) / len(points)
-    for (x0, y0), (x1, y1) in zip(hull, hull[1:], strict=False):
+    for (x0, y0), (x1, y1) in itertools.pairwise(hull):
         if x1 >= mean:
             return (y1 - y0) / (x1 - x0)
     (x0, y0), (x1, y1) = hull[-2:]

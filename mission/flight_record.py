@@ -1,4 +1,4 @@
-"""What was seen during one sidestep, kept until the pose of every frame is known, and turned into the estimator's input."""
+"""What was seen during one sidestep, kept until every frame's pose is known, then turned into the estimator's input."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from mission.camera.file import Camera
-from mission.drones.drone import Drone
+from mission.camera.camera import Camera
 from mission.pose import Pose
 from mission.records import (
     FlightSightings,
@@ -18,9 +17,10 @@ from mission.records import (
     Image,
     Matrix,
     NoiseModel,
+    Sighting,
     TargetPrior,
 )
-from mission.sighting import camera_position, exposure_time, sighting
+from mission.sighting import camera_position, sighting
 from mission.track import PIXEL_CORRELATION_S, SIZE_CORRELATION_S, Track
 
 KEY_FRAMES = 20
@@ -93,7 +93,7 @@ class FlightRecord:
         origin: GeodeticOrigin,
         pose_at: Callable[[float], Pose | None],
         offset_s: float,
-        noise: NoiseModel,
+        pose_noise: NoiseModel,
         prior: TargetPrior,
     ) -> FlightSightings:
         """All frames in which the target was tracked and the pose is known.
@@ -102,18 +102,35 @@ class FlightRecord:
             origin: of the local frame.
             pose_at: the aircraft's pose at a program time, None where it is not known.
             offset_s: how much later than telemetry the video's clock runs.
-            noise: the flight's noise model.
+            pose_noise: how good the reported pose is; the tracker's and the lens's noise are added here.
             prior: what is known of the target.
         """
-        found = []
-        for seen in self.seen:
-            if seen.track.state != "tracking":
-                continue
-            t_s = exposure_time(seen.t_s - offset_s, seen.track.pixel[1], self.camera)
+        noise = self._noise(pose_noise)
+        lens_px = self._noise(replace(pose_noise, pixel_sigma_px=0.0)).pixel_sigma_px
+        found: list[Sighting] = []
+        for seen in self._tracking():
+            t_s = self.camera.row_time_s(seen.t_s - offset_s, seen.track.pixel[1])
             pose = pose_at(t_s)
             if pose is not None and (not found or t_s >= found[-1].t_s):
-                found.append(sighting(seen.track, t_s, pose, self.camera))
+                sigma_px = float(np.hypot(seen.track.pixel_sigma_px, lens_px))
+                found.append(replace(sighting(seen.track, t_s, pose, self.camera), pixel_sigma_px=sigma_px))
         return FlightSightings(self.id, origin, self.camera.intrinsics, tuple(found), noise, prior)
+
+    def _tracking(self) -> list[Seen]:
+        return [seen for seen in self.seen if seen.track.state == "tracking"]
+
+    def _noise(self, pose_noise: NoiseModel) -> NoiseModel:
+        """The tracker's correlation times, and what the lens adds at the distance from the axis that was flown."""
+        lens = self.camera.intrinsics
+        pixels = np.array([seen.track.pixel for seen in self._tracking()]).reshape(-1, 2)
+        across, down = np.sqrt(np.mean((pixels - [lens.cx, lens.cy]) ** 2, axis=0)) if len(pixels) else (0.0, 0.0)
+        noise = replace(
+            pose_noise,
+            pixel_correlation_s=PIXEL_CORRELATION_S,
+            size_sigma=DEFAULT_SIZE_SIGMA,
+            size_correlation_s=SIZE_CORRELATION_S,
+        )
+        return self.camera.widen(noise, (float(across), float(down)))
 
     def drone_track(self, pose_at: Callable[[float], Pose | None], offset_s: float) -> Matrix:
         """Camera path over the sidestep: rows of time, east, north, up; shape (n, 4)."""
@@ -123,22 +140,3 @@ class FlightRecord:
             if pose is not None:
                 rows.append([pose.t_s, *camera_position(pose, self.camera).tolist()])
         return np.array(rows).reshape(-1, 4)
-
-
-def noise_of(drone: Drone, camera: Camera) -> NoiseModel:
-    """The aircraft's pose noise, the tracker's pixel and size noise, and what an uncalibrated camera adds.
-
-    A focal length that is wrong by a factor turns every bearing off the axis by that factor of its angle. With the target
-    centred to a few degrees this is a slow error of the heading, so it widens the heading's wander and the tilt's bias.
-    """
-    pose = drone.noise()
-    off_axis_rad = np.arctan(0.25 * camera.intrinsics.height_px / camera.intrinsics.fy)
-    from_focal = float(camera.focal_sigma * off_axis_rad)
-    return replace(
-        pose,
-        pixel_correlation_s=PIXEL_CORRELATION_S,
-        size_sigma=DEFAULT_SIZE_SIGMA,
-        size_correlation_s=SIZE_CORRELATION_S,
-        heading_sigma_rad=float(np.hypot(pose.heading_sigma_rad, from_focal)),
-        tilt_bias_sigma_rad=float(np.hypot(pose.tilt_bias_sigma_rad, from_focal)),
-    )

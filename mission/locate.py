@@ -1,111 +1,73 @@
 """The procedure of the paper's Figure 2 as a state machine: hover, detect, choose, centre, sidestep, estimate, report.
 
-It can be aborted at every step, and it always ends in the autopilot's hold, or where the pilot took the aircraft. It knows
-aircraft only as `Drone` and reports only to its `Watcher`.
+It can be aborted at every step, and it always ends in the autopilot's hold, or where the pilot took the aircraft. It
+knows aircraft only as `Drone` and reports only to its `Watcher`.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from enum import Enum
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from mission.aim import Aim, wrapped
-from mission.camera.file import Camera
+from mission.camera.camera import Camera
 from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
 from mission.detect import Detector, choose
-from mission.drones.drone import Drone, Order, OrderState
-from mission.errors import (
-    DetectionError,
-    EstimateRefused,
-    FlightEnded,
-    FlightRefused,
-    LinkError,
-    SidestepError,
-    VideoError,
-)
+from mission.drones.drone import Drone
+from mission.errors import DetectionError, EstimateRefused, FlightEnded, LinkError, VideoError
 from mission.estimate import ESTIMATORS
 from mission.estimate.noise_fit import fit_noise
-from mission.flight_record import FlightRecord, KeyFrame, noise_of
+from mission.flight_loop import FlightLoop
+from mission.flight_record import FlightRecord
+from mission.located import Located, Stage, TargetChoice, Watcher
 from mission.pattern import lateral_path
 from mission.pose import Pose
-from mission.records import Box, Detection, Estimate, FlightSightings, Frame, GeodeticOrigin, Matrix
+from mission.records import Box, Detection, FlightSightings, Frame, GeodeticOrigin
 from mission.settings import MissionSettings
 from mission.sighting import azimuth_of, rotation_shift, world_from_camera
-from mission.track import Track, Tracker
+from mission.track import Track
 from mission.video import VideoSource
 
-VIDEO_LOST_S = 1.0
-"""No new picture for this long: the video has stopped."""
 CENTRED_RAD = math.radians(3.0)
 CENTRE_TIMEOUT_S = 12.0
+STEADY_S = 0.4
+"""The target is centred when it has been for this long."""
 WIGGLE_RAD = math.radians(10.0)
 WIGGLE_PERIOD_S = 2.0
-WIGGLE_TURNS = 1.5
+WIGGLE_TURNS = 1.0
 ORDER_TIMEOUT_S = 15.0
 LOCAL_ORIGIN = GeodeticOrigin(0.0, 0.0, 0.0)
 """Stands for an unknown place, for aircraft without a global position."""
 
 
-class Stage(Enum):
-    """Where the procedure is."""
+class TargetTracker(Protocol):
+    """Keeps to one person from frame to frame (`mission.track.Tracker`)."""
 
-    HOVER = "hover"
-    DETECT = "detect"
-    CENTRE = "centre"
-    SIDESTEP = "sidestep"
-    ESTIMATE = "estimate"
-    REPORT = "report"
-    HOLD = "hold"
+    def start(self, frame: Frame, box: Box) -> None:
+        """The target is in this box."""
+        ...
+
+    def update(self, frame: Frame, shift_px: tuple[float, float] = (0.0, 0.0)) -> Track:
+        """Where it is in the next frame; `shift_px` is the image motion that the camera's rotation explains."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
-class TargetChoice:
-    """Which of the people in view is meant; with neither, the one nearest the image centre."""
+class _Wiggle:
+    """A yaw to and fro around where the target is expected."""
 
-    box: Box | None = None
-    point: tuple[float, float] | None = None
+    aim: Aim
+    started_s: float
 
+    def over(self, now_s: float) -> bool:
+        return now_s - self.started_s > WIGGLE_TURNS * WIGGLE_PERIOD_S
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Located:
-    """A finished sidestep: the answer and all that decided it."""
-
-    flight: FlightSightings
-    estimate: Estimate
-    comparisons: tuple[Estimate, ...]
-    """The closed forms on the same sightings, where they apply."""
-    geodetic: bool
-    """Whether the flight's origin is a real place."""
-    offset: TimeOffset | None
-    drone_track: Matrix
-    key_frames: tuple[KeyFrame, ...]
-    target_picture: bytes | None
-    last_frame_s: float
-    """Program time of the last frame of the pattern."""
-
-
-class Watcher(Protocol):
-    """Who is told of what happens. Called from the procedure's own thread: keep it short."""
-
-    def stage(self, stage: Stage, text: str) -> None:
-        """A new stage, or news of the present one."""
-        ...
-
-    def frame(self, frame: Frame, track: Track | None) -> None:
-        """A frame was used."""
-        ...
-
-    def sightings(self, flight: FlightSightings) -> None:
-        """The sightings of a flight, before they are estimated from: keep them whatever follows."""
-        ...
-
-    def located(self, located: Located) -> None:
-        """The answer: store and publish it."""
-        ...
+    def azimuth(self, now_s: float) -> float:
+        phase = 2.0 * math.pi * (now_s - self.started_s) / WIGGLE_PERIOD_S
+        return self.aim.predicted(now_s) + WIGGLE_RAD * math.sin(phase)
 
 
 class Locate:
@@ -116,6 +78,7 @@ class Locate:
         video: its camera's pictures.
         camera: intrinsics, mounting, shutter.
         detector: finds people.
+        tracker: follows one of them.
         settings: of the mission.
         watcher: is told of progress and of the answer.
         aborted: answers True as soon as the operator wants an end.
@@ -128,25 +91,21 @@ class Locate:
         video: VideoSource,
         camera: Camera,
         detector: Detector,
+        tracker: TargetTracker,
         settings: MissionSettings,
         watcher: Watcher,
         aborted: Callable[[], bool],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._drone = drone
-        self._video = video
         self._camera = camera
         self._detector = detector
         self._settings = settings
         self._watcher = watcher
-        self._aborted = aborted
         self._clock = clock
-        self._order: Order | None = None
-        self._last_index = -1
-        self._last_frame_s = clock()
-        self._in_control = False
+        self._loop = FlightLoop(drone, video, aborted, clock)
         self._aim = Aim()
-        self._tracker = Tracker(detector)
+        self._tracker = tracker
         self._pose_before: Pose | None = None
         self._offset_s = 0.0
 
@@ -172,20 +131,23 @@ class Locate:
             record = self._sidestep(flight_id)
             return self._estimate(record, offset)
         finally:
-            self._give_back()
+            if self._loop.ours:
+                self._watcher.stage(Stage.HOLD, "giving control back, holding")
+                unconfirmed = self._loop.give_back()
+                if unconfirmed:
+                    self._watcher.stage(Stage.HOLD, f"hold is not confirmed ({unconfirmed}): take over by hand")
 
     def _hover(self) -> None:
         self._watcher.stage(Stage.HOVER, "taking control, hovering")
-        self._fly(self._drone.hover())
-        self._in_control = True
-        for _ in self._until_done(ORDER_TIMEOUT_S):
+        self._loop.fly(self._drone.hover())
+        for _ in self._loop.until_done(ORDER_TIMEOUT_S):
             pass
 
     def _acquire(self, choice: TargetChoice) -> None:
         self._watcher.stage(Stage.DETECT, "looking for a person")
         before: list[Detection] = []
         timeout_s = self._settings.detect.timeout_s
-        for frame in self._frames(timeout_s):
+        for frame in self._loop.frames(timeout_s):
             found = self._detector.detect(frame.image)
             steady = [d for d in found if any(d.box.overlap(other.box) > 0.3 for other in before)]
             before = found
@@ -204,12 +166,12 @@ class Locate:
         )
 
     def _centre(self) -> TimeOffset | None:
+        """Turn to the target, and measure the video's time offset on that turn or on a short wiggle after it."""
         self._watcher.stage(Stage.CENTRE, "turning to the target")
         meter = TimeOffsetMeter(self._camera)
-        centred_since: float | None = None
-        wiggle_start: float | None = None
-        offset: TimeOffset | None = None
-        for frame in self._frames(CENTRE_TIMEOUT_S):
+        centred_since_s: float | None = None
+        wiggle: _Wiggle | None = None
+        for frame in self._loop.frames(CENTRE_TIMEOUT_S):
             track = self._follow(frame)
             if track.state == "lost":
                 raise DetectionError("the target was lost while turning to it", "Try again, or choose it by a box.")
@@ -218,33 +180,27 @@ class Locate:
             heading = self._aim.heading(now, self._camera_azimuth())
             if heading is None:
                 continue
-            if wiggle_start is not None:
-                phase = (now - wiggle_start) / WIGGLE_PERIOD_S
-                if phase < WIGGLE_TURNS:
-                    heading += WIGGLE_RAD * math.sin(2.0 * math.pi * phase)
-                    self._drone.aim(wrapped(heading))
-                    continue
-            self._drone.aim(heading)
-            off_axis = abs(math.atan((track.pixel[0] - self._camera.intrinsics.cx) / self._camera.intrinsics.fx))
-            if off_axis > CENTRED_RAD:
-                centred_since = None
+            if wiggle is not None and not wiggle.over(now):
+                self._drone.aim(wrapped(wiggle.azimuth(now) - self._camera_azimuth()))
                 continue
-            centred_since = now if centred_since is None else centred_since
-            if now - centred_since < 0.4:
+            self._drone.aim(heading)
+            off_axis = math.atan((track.pixel[0] - self._camera.intrinsics.cx) / self._camera.intrinsics.fx)
+            centred_since_s = None if abs(off_axis) > CENTRED_RAD else centred_since_s or now
+            if centred_since_s is None or now - centred_since_s < STEADY_S:
                 continue
             if not self._settings.video.check_offset:
                 return None
             offset = meter.measure(self._drone.pose_at)
-            if offset is not None or wiggle_start is not None:
-                return self._take_offset(offset)
+            if offset is not None or wiggle is not None:
+                return self._take_offset(offset, meter.reason)
             self._watcher.stage(Stage.CENTRE, "a short yaw wiggle measures the video's time offset")
-            wiggle_start, centred_since = now, None
+            wiggle, centred_since_s = _Wiggle(replace(self._aim), now), None
         self._watcher.stage(Stage.CENTRE, "the target is not quite centred; going on")
-        return self._take_offset(offset)
+        return self._take_offset(meter.measure(self._drone.pose_at), meter.reason)
 
-    def _take_offset(self, offset: TimeOffset | None) -> TimeOffset | None:
+    def _take_offset(self, offset: TimeOffset | None, reason: str) -> TimeOffset | None:
         if offset is None:
-            self._watcher.stage(Stage.CENTRE, "the time offset could not be measured; using the camera's setting")
+            self._watcher.stage(Stage.CENTRE, f"{reason}; the camera's latency is used as it is")
             return None
         self._offset_s = offset.offset_s
         self._watcher.stage(
@@ -263,9 +219,9 @@ class Locate:
         )
         record = FlightRecord(flight_id, self._camera, interval_s=path.duration_s / 15.0)
         moving_aim = self._settings.pattern.kind != "paper"
-        self._fly(self._drone.fly(path))
+        self._loop.fly(self._drone.fly(path))
         try:
-            for frame in self._until_done(path.duration_s + ORDER_TIMEOUT_S):
+            for frame in self._loop.until_done(path.duration_s + ORDER_TIMEOUT_S):
                 track = self._follow(frame)
                 record.add(frame, track)
                 if track.state == "lost":
@@ -299,7 +255,7 @@ class Locate:
             drone_track=record.drone_track(self._drone.pose_at, self._offset_s),
             key_frames=tuple(record.key_frames),
             target_picture=record.target_picture(),
-            last_frame_s=self._last_frame_s,
+            last_frame_s=self._loop.last_frame_s,
         )
         self._watcher.stage(Stage.REPORT, "reporting")
         self._watcher.located(located)
@@ -310,7 +266,7 @@ class Locate:
             self._drone.origin or LOCAL_ORIGIN,
             self._drone.pose_at,
             self._offset_s,
-            noise_of(self._drone, self._camera),
+            self._drone.noise(),
             self._settings.prior.prior(),
         )
         return fit_noise(flight)
@@ -337,66 +293,3 @@ class Locate:
         axis = world_from_camera(self._pose_before, self._camera).apply([0.0, 0.0, 1.0])
         heading = self._drone.telemetry().heading_rad
         return 0.0 if heading is None else wrapped(math.atan2(axis[0], axis[1]) - heading)
-
-    def _fly(self, order: Order) -> None:
-        self._order = order
-
-    def _until_done(self, timeout_s: float) -> Iterator[Frame]:
-        """Frames until the order that is being flown is done."""
-        order = self._order
-        for frame in self._frames(timeout_s):
-            yield frame
-            if order is None or order.state is OrderState.DONE:
-                return
-        raise FlightEnded(f"the aircraft did not finish its {order.kind if order else 'order'}", "It holds its place.")
-
-    def _frames(self, timeout_s: float) -> Iterator[Frame]:
-        """New frames, newest first, until the time is over; raises as soon as anything ends the flight."""
-        started = self._clock()
-        self._last_frame_s = max(self._last_frame_s, started)
-        while self._clock() - started < timeout_s:
-            self._check()
-            frame = self._video.latest(self._last_index, 0.05)
-            if frame is None:
-                if self._clock() - self._last_frame_s > VIDEO_LOST_S:
-                    raise VideoError(
-                        f"no picture for {VIDEO_LOST_S:.0f} s",
-                        "Check the camera and the video link; the aircraft holds.",
-                    )
-                continue
-            self._last_index, self._last_frame_s = frame.index, self._clock()
-            yield frame
-
-    def _check(self) -> None:
-        """Raise when the operator, the pilot, a failsafe or the link ended the flight."""
-        for event in self._drone.events():
-            if event.kind in ("pilot", "failsafe", "deadman", "pilot-process-lost"):
-                self._in_control = False
-                raise FlightEnded(event.text, "Give the order again when the aircraft is yours.")
-            if event.kind == "link-lost":
-                raise LinkError(event.text, "Check the link; the autopilot's own failsafe holds the aircraft.")
-        if self._aborted():
-            raise FlightEnded("aborted by the operator", "")
-        if not self._drone.telemetry().connected:
-            raise LinkError("telemetry stopped", "Check the link; the autopilot's own failsafe holds the aircraft.")
-        order = self._order
-        if order is not None and order.state is OrderState.REFUSED:
-            raise FlightRefused(order.reason, "Nothing was flown.")
-        if order is not None and order.state is OrderState.ENDED:
-            raise FlightEnded(order.reason, "")
-
-    def _give_back(self) -> None:
-        """Hold, unless the pilot has the aircraft already."""
-        if not self._in_control:
-            return
-        self._watcher.stage(Stage.HOLD, "giving control back, holding")
-        order = self._drone.hold()
-        deadline = self._clock() + 5.0
-        while order.state in (OrderState.PENDING, OrderState.FLYING) and self._clock() < deadline:
-            self._drone.telemetry()
-            self._video.latest(self._last_index, 0.05)
-        self._in_control = False
-        if order.state is not OrderState.DONE:
-            self._watcher.stage(
-                Stage.HOLD, f"hold is not confirmed: {order.reason or 'no answer'}; the pilot should take over"
-            )

@@ -30,11 +30,12 @@ class Pose:
 
 
 class PoseBuffer:
-    """The last seconds of two streams, position and attitude, each with its own times, interpolated at any time between.
+    """The last seconds of two streams, position and attitude, each with its own times, interpolated between them.
 
-    Position and velocity come from a cubic Hermite segment between the two neighbouring positions, attitude from the arc
-    on the sphere between the two neighbouring attitudes (slerp; Shoemake 1985). There is no pose across a gap of more than
-    `max_gap_s` in either stream, nor before the oldest or after the newest message: a stale pose is worse than none.
+    Position and velocity come from a cubic Hermite segment between the two neighbouring positions, attitude from the
+    arc on the sphere between the two neighbouring attitudes (slerp; Shoemake 1985). There is no pose across a gap of
+    more than `max_gap_s` in either stream, nor before the oldest or after the newest message: a stale pose is worse
+    than none.
 
     Times may be of any one clock, as long as both streams share it. Safe to use from several threads.
 

@@ -157,7 +157,7 @@ def read_settings(path: FilePath | None) -> MissionSettings:
             for item in error.errors()
         )
         raise SettingsError(
-            f"wrong settings in {path}: {wrong}", "See the settings table in docs/settings.md."
+            f"wrong settings in {path}: {wrong}", "`sidestep settings` prints them all with their ranges."
         ) from error
     return _relative_to(settings, path.parent)
 

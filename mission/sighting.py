@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mission.camera.file import Camera
+from mission.camera.camera import Camera
 from mission.camera.model import CameraModel
 from mission.pose import Pose
 from mission.records import Sighting, Vector
@@ -22,11 +22,6 @@ def camera_position(pose: Pose, camera: Camera) -> Vector:
     """Where the camera was, ENU, shape (3,)."""
     body = Rotation.from_quat(pose.world_from_body_wxyz, scalar_first=True)
     return np.asarray(pose.position_enu_m + body.apply(np.asarray(camera.mounting.position_body_m)))
-
-
-def exposure_time(frame_s: float, row_px: float, camera: Camera) -> float:
-    """When a row of a rolling shutter was exposed, for a frame whose middle row was exposed at `frame_s`."""
-    return frame_s + (row_px / camera.intrinsics.height_px - 0.5) * camera.readout_s
 
 
 def sighting(track: Track, t_s: float, pose: Pose, camera: Camera) -> Sighting:

@@ -21,7 +21,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("locate", "estimate", "plan", "calibrate", "export")
+COMMANDS = ("locate", "estimate", "calibrate", "export", "settings")
 """Files of this folder; each has `register(app)`."""
 
 

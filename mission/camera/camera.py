@@ -70,15 +70,15 @@ class Camera:
         """The noise of sightings made with this camera, given the noise of a perfect lens.
 
         A focal length that is wrong by a fraction s moves a target at distance r from the middle of the picture by s r
-        pixels, in the same way in the whole flight. That is a constant bearing error of s r / f (about the vertical from
-        the horizontal distance, about the camera's x axis from the vertical one), plus an error of the same size that
-        changes as the target moves through the picture. The first goes into the heading and tilt bias, the second into the
-        pixel noise. The same r stands for the unknown principal point and distortion of an uncalibrated lens.
+        pixels, in the same way in the whole flight. That is a constant bearing error of s r / f (about the vertical
+        from the horizontal distance, about the camera's x axis from the vertical one), plus an error of the same size
+        that changes as the target moves through the picture. The first goes into the heading and tilt bias, the
+        second into the pixel noise. The same r stands for an uncalibrated lens's unknown centre and distortion.
 
         Args:
             noise: without the lens's share.
-            offset_px: typical distance (rms, across and down) of the target from the middle of the picture; a quarter of
-                the picture's width and height when not given.
+            offset_px: typical distance (rms, across and down) of the target from the middle of the picture; a quarter
+                of the picture's width and height when not given.
         """
         lens = self.intrinsics
         across, down = offset_px if offset_px is not None else (lens.width_px / 4.0, lens.height_px / 4.0)

@@ -83,8 +83,8 @@ def read_camera(path: Path | str) -> Camera:
     """Read a camera file.
 
     Raises:
-        CalibrationError: the file cannot be read, is not TOML, or a field is missing, unknown, of a wrong type or size, not
-            finite or out of its range; the message names file and field.
+        CalibrationError: the file cannot be read, is not TOML, or a field is missing, unknown, of a wrong type or
+            size, not finite or out of its range; the message names file and field.
     """
     remedy = "Make one with `sidestep calibrate`, or give the camera's field of view instead."
     try:
@@ -164,8 +164,8 @@ def write_camera(path: Path | str, camera: Camera) -> None:
     """
     lens, mounting = camera.intrinsics, camera.mounting
     lines = [
-        "# A camera of Sidestep. Pixels count from the outer corner of the top left pixel; body axes are forward, right,",
-        "# down; camera axes are right, down, out of the lens.",
+        "# A camera of Sidestep. Pixels count from the outer corner of the top left pixel;",
+        "# body axes are forward, right, down; camera axes are right, down, out of the lens.",
         'format = "sidestep-camera"',
         "version = 1",
         f"calibrated = {str(camera.calibrated).lower()}",

@@ -1,7 +1,7 @@
 """Pixel to bearing and back: a pinhole with OpenCV's five-parameter distortion.
 
-Pixels count from the outer corner of the top left pixel, so the middle of that pixel is (0.5, 0.5); OpenCV's own functions
-count from its middle. Camera axes: x right, y down, z out of the lens.
+Pixels count from the outer corner of the top left pixel, so the middle of that pixel is (0.5, 0.5); OpenCV's own
+functions count from its middle. Camera axes: x right, y down, z out of the lens.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 
 
 class CameraModel:
-    """Maps pixels to rays and points to pixels (OpenCV "Camera Calibration and 3D Reconstruction", the distortion model)."""
+    """Maps pixels to rays and points to pixels (OpenCV, "Camera Calibration and 3D Reconstruction")."""
 
     def __init__(self, intrinsics: CameraIntrinsics) -> None:
         self.intrinsics = intrinsics
@@ -53,7 +53,8 @@ class CameraModel:
         tangents = cv2.undistortPointsIter(
             points, self.matrix, self.distortion, np.eye(3), np.eye(3), _UNDISTORT
         ).reshape(-1, 2)
-        rays = np.column_stack([tangents, np.ones(len(tangents))])
+        rays: Matrix = np.ones((len(flat), 3))
+        rays[:, :2] = tangents
         if np.any(self.distortion):
             # The fixed-point iteration can settle on nothing, or beyond the fold: only a ray that projects back counts.
             back = self._project_unchecked(rays)
@@ -72,7 +73,8 @@ class CameraModel:
             (2,) or (N, 2) pixels in the distorted picture, which may lie outside of it.
 
         Raises:
-            ValueError: a point is behind the camera or further off the axis than the lens model reaches; ask `in_reach`.
+            ValueError: a point is behind the camera, or further off its axis than the lens model reaches; ask
+                `in_reach`.
         """
         given = np.asarray(points_camera, dtype=float)
         flat = given.reshape(-1, 3)
@@ -116,8 +118,7 @@ class CameraModel:
     def _project_unchecked(self, points: Matrix) -> Matrix:
         zero = np.zeros(3)
         pixels, _ = cv2.projectPoints(np.ascontiguousarray(points), zero, zero, self.matrix, self.distortion)
-        out: Matrix = pixels.reshape(-1, 2) + 0.5
-        return out
+        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2) + 0.5
 
 
 def from_field_of_view(width_px: int, height_px: int, hfov_rad: float) -> CameraIntrinsics:

@@ -6,11 +6,11 @@ body of about 90 px in the picture, and the box that it answers is a third large
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mission.detect.detector import crop, suppress
 from mission.records import Box, Detection, Image
@@ -54,10 +54,59 @@ class HogDetector:
             scale=self.scale,
             groupThreshold=0,
         )
-        return _bodies(boxes, np.ravel(scores), left, top)
+        return _bodies(np.asarray(boxes, np.float64).reshape(-1, 4), np.ravel(scores), left, top)
 
 
-def _bodies(windows: Sequence[Sequence[int]], scores: Sequence[float], left: int, top: int) -> list[Detection]:
+@dataclass(frozen=True, slots=True)
+class BodyCentre:
+    """Where HOG sees the middle of the body."""
+
+    x_px: float
+    y_px: float
+    height_px: float
+    """Of the body; poor (5 %), as the sizes searched are coarse."""
+    score: float
+
+
+class WindowedHog:
+    """HOG on an upright window (`mission.detect.window`) with the body about 120 px tall: the body's centre, finely.
+
+    The positions of all windows that answer are averaged by score, without grouping, on a grid twice as fine as usual.
+    What HOG learnt are head, shoulders and torso, so its centre hardly follows the swing of arms and legs.
+    """
+
+    BODY_PX = 120.0
+    SIZE = (128, 224)
+
+    def __init__(self, threshold: float = 0.0) -> None:
+        self._threshold = threshold
+        self._hog = _descriptor()
+
+    def centre(self, image: Image, reach_px: float) -> BodyCentre | None:
+        """The body's centre in window pixels, or None where there is nobody.
+
+        Args:
+            image: the window, BGR.
+            reach_px: how far from the middle of the window the body may be.
+        """
+        boxes, scores = self._hog.detectMultiScale(
+            image, hitThreshold=self._threshold, winStride=(4, 4), padding=(0, 0), scale=1.05, groupThreshold=0
+        )
+        if len(boxes) == 0:
+            return None
+        corners = np.asarray(boxes, np.float64)
+        centres = corners[:, :2] + corners[:, 2:] / 2.0
+        weights = np.ravel(scores).astype(np.float64)
+        middle = np.array([image.shape[1], image.shape[0]]) / 2.0
+        near = np.hypot(*(centres - middle).T) < reach_px
+        if not near.any() or weights[near].sum() <= 0.0:
+            return None
+        x, y = np.average(centres[near], axis=0, weights=weights[near])
+        tall = BODY_FRACTION * float(np.average(corners[near, 3], weights=weights[near]))
+        return BodyCentre(float(x), float(y), tall, float(weights[near].max()))
+
+
+def _bodies(windows: NDArray[np.float64], scores: NDArray[np.float64], left: int, top: int) -> list[Detection]:
     """Windows that mean the same person, merged into the body's box (score-weighted mean), best first."""
     found = [
         Detection(Box(float(x + left), float(y + top), float(w), float(h)), float(s))
@@ -79,5 +128,5 @@ def _bodies(windows: Sequence[Sequence[int]], scores: Sequence[float], left: int
 def _descriptor() -> cv2.HOGDescriptor:
     # It keeps scratch space of its own, so two threads must not share one; building it costs 0.1 ms.
     hog = cv2.HOGDescriptor()
-    hog.setSVMDetector(cv2.HOGDescriptor.getDefaultPeopleDetector())
+    hog.setSVMDetector(np.asarray(cv2.HOGDescriptor.getDefaultPeopleDetector(), np.float32))
     return hog

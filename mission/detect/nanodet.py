@@ -1,8 +1,8 @@
 """People by NanoDet, a small convolutional network, through OpenCV's own inference (no other library is needed).
 
-The network (nanodet.onnx, see nanodet.LICENSE.md) sees people of a fifth of the size that HOG needs. It answers, for each
-cell of three grids with strides of 8, 16 and 32 px, 80 class scores and, per side of the box, a distribution over 11
-distances in strides (Generalized Focal Loss, Li et al. 2020): the distance is the distribution's mean.
+The network (nanodet.onnx, see nanodet.LICENSE.md) sees people of a fifth of the size that HOG needs. It answers,
+for each cell of three grids with strides of 8, 16 and 32 px, 80 class scores and, per side of the box, a distribution
+over 11 distances in strides (Generalized Focal Loss, Li et al. 2020): the distance is the distribution's mean.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class NanoDet:
             image: BGR; height and width are multiples of 32 px.
             threshold: smallest class score, 0 to 1.
         """
-        height, width = image.shape[:2]
+        width = image.shape[1]
         blob = ((image.astype(np.float32) - _MEAN) * _INVERSE_STD).transpose(2, 0, 1)[None]
         with self._lock:
             self._net.setInput(np.ascontiguousarray(blob))
@@ -118,6 +118,37 @@ class NanoDetDetector:
             )
             for d in found
         ]
+
+
+class WindowedNanoDet:
+    """NanoDet on an upright window (`mission.detect.window`) with the body about 96 px tall: the body's extent, finely.
+
+    The boxes of all cells that see the same person are averaged, weighted by the square of their score.
+    """
+
+    BODY_PX = 96.0
+    SIZE = (128, 160)
+
+    def __init__(self, network: NanoDet, threshold: float = 0.3) -> None:
+        self._network = network
+        self._threshold = threshold
+
+    def bodies(self, image: Image) -> list[Detection]:
+        """All people in the window, window pixels, best first.
+
+        Args:
+            image: the window, BGR; height and width are multiples of 32 px.
+        """
+        cells = self._network.people(image, self._threshold)
+        return [_averaged(best, cells) for best in suppress(cells, self._threshold, 0.5)]
+
+
+def _averaged(best: Detection, cells: list[Detection]) -> Detection:
+    same = [d for d in cells if d.box.overlap(best.box) > 0.6]
+    weights = np.array([d.score**2 for d in same])
+    sides = [(d.box.left_px, d.box.top_px, d.box.width_px, d.box.height_px) for d in same]
+    left, top, width, height = np.average(sides, axis=0, weights=weights)
+    return Detection(Box(float(left), float(top), float(width), float(height)), best.score)
 
 
 def _up32(pixels: int) -> int:

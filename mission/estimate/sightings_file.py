@@ -1,8 +1,8 @@
 """The sightings file (JSON Lines, `sidestep-sightings` version 1): read flight by flight, write, and the answer's line.
 
-A header line starts a flight, each following line is one sighting of it. Reading streams: one flight is held at a time, a
-line may have at most `MAX_LINE_BYTES` and a flight at most `MAX_SIGHTINGS`. What is wrong with a flight becomes a
-`FlightProblem` in its place, with file and line, and reading goes on with the next flight.
+A header line starts a flight, each following line is one sighting of it. Reading streams: one flight is held at a
+time, a line may have at most `MAX_LINE_BYTES` and a flight at most `MAX_SIGHTINGS`. What is wrong with a flight
+becomes a `FlightProblem` in its place, with file and line, and reading goes on with the next flight.
 """
 
 from __future__ import annotations
@@ -15,8 +15,21 @@ from pathlib import Path
 from typing import BinaryIO
 
 from mission.errors import SightingsFormatError
+from mission.estimate.answer_line import error_line, estimate_line
 from mission.estimate.sightings_fields import FORMAT, VERSION, FieldError, flight_id, parse_header, parse_sighting
 from mission.records import FlightSightings, Sighting
+
+__all__ = [
+    "MAX_LINE_BYTES",
+    "MAX_SIGHTINGS",
+    "FlightProblem",
+    "error_line",
+    "estimate_line",
+    "flight_lines",
+    "read_flights",
+    "read_flights_from",
+    "write_flight",
+]
 
 MAX_SIGHTINGS = 20_000
 """Sightings that one flight may have (11 minutes at 30 per second)."""
@@ -53,7 +66,7 @@ def read_flights(path: Path) -> Iterator[FlightSightings | FlightProblem]:
         with path.open("rb") as stream:
             yield from read_flights_from(_lines(stream), str(path))
     except OSError as error:
-        raise SightingsFormatError(f"{path}: {error.strerror or error}", "Check the file's name and its rights.") from None
+        raise SightingsFormatError(f"{path}: {error.strerror or error}", "Check its name and rights.") from None
 
 
 def read_flights_from(lines: Iterable[bytes], name: str) -> Iterator[FlightSightings | FlightProblem]:

@@ -1,0 +1,232 @@
+"""What becomes of an answer: the geotag first, then the aircraft and the ground station, then pictures for people.
+
+The geotag is on the disk before anything is sent. What cannot be done afterwards (a region of interest refused, a
+picture that does not fit on the disk) is told and logged, and takes nothing back.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+
+from gcs_plugin.contact_sheet import contact_sheet
+from gcs_plugin.flight_folder import FlightFolder
+from gcs_plugin.geotags import Geotag, GeotagLog, Provenance, make_geotag
+from gcs_plugin.mission_items import append_item, standoff_waypoint
+from gcs_plugin.mission_protocol import MissionProtocol
+from gcs_plugin.plan_view import plan_view
+from gcs_plugin.progress import Progress
+from gcs_plugin.publish import Link, StatusTexts, camera_tracking_geo_status, set_region_of_interest
+from mission.drones.drone import Drone
+from mission.errors import AnswerError, SidestepError
+from mission.estimate.answer_line import estimate_line
+from mission.located import Located, Stage
+from mission.records import Estimate, FlightSightings, Frame
+from mission.settings import AnswerSettings
+from mission.track import Track
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """The two clocks: the program's, and UTC."""
+
+    clock: Callable[[], float] = time.monotonic
+    utc: Callable[[], datetime] = lambda: datetime.now(UTC)
+
+    def utc_of(self, t_s: float) -> datetime:
+        """UTC of a program time."""
+        return self.utc() - timedelta(seconds=self.clock() - t_s)
+
+
+class Answer:
+    """Stores and publishes; the `Watcher` of one flight.
+
+    Args:
+        drone: the aircraft, asked for what the geotag says of it.
+        link: where answers are sent; None for an aircraft without MAVLink.
+        settings: what is sent, and the stand-off.
+        folder: of this flight.
+        log: of all geotags.
+        progress: what the person at the terminal sees.
+        provenance: where the geotag will say that it comes from.
+        times: program time and UTC.
+    """
+
+    def __init__(
+        self,
+        drone: Drone,
+        link: Link | None,
+        settings: AnswerSettings,
+        folder: FlightFolder,
+        log: GeotagLog,
+        progress: Progress,
+        provenance: Provenance,
+        times: Times,
+    ) -> None:
+        self._drone = drone
+        self._link = link
+        self._settings = settings
+        self._folder = folder
+        self._log = log
+        self._progress = progress
+        self._provenance = provenance
+        self._times = times
+        self._texts = StatusTexts(link) if link is not None and settings.statustext else None
+        self._stage: Stage | None = None
+        self._timing: dict[str, float] = {}
+        self._log_failed = False
+        self.geotag: Geotag | None = None
+        """The acknowledged geotag."""
+
+    def stage(self, stage: Stage, text: str) -> None:
+        """Tell the terminal and the flight's log; a new stage also goes to the ground station."""
+        self._progress.stage(stage, text)
+        self._event(stage.value, text)
+        if self._texts is not None and stage is not self._stage:
+            self._texts.send(f"sidestep: {text}")
+        self._stage = stage
+
+    def frame(self, frame: Frame, track: Track | None) -> None:
+        """Tell the terminal."""
+        self._progress.frame(frame, track)
+
+    def sightings(self, flight: FlightSightings) -> None:
+        """Keep the sightings, whatever follows."""
+        self._attempt("sightings", lambda: self._folder.write_sightings(flight))
+
+    def located(self, located: Located) -> None:
+        """Log the geotag, then send it."""
+        if located.geodetic:
+            tag = self._geotag(located)
+            logged = self._log.append(tag)
+            self.geotag = logged.geotag
+            if logged.warning:
+                self._tell("geotag", logged.warning)
+        published = self._sited(located.estimate)
+        if self._link is not None and located.geodetic:
+            self._link.send(self._geo_status(located, published))
+        self._timing["last_frame_to_geotag_s"] = self._times.clock() - located.last_frame_s
+        if self._link is not None and located.geodetic and self._settings.roi and self.geotag is not None:
+            self._attempt("region of interest", self._point_at_target)
+        self._timing["last_frame_to_roi_s"] = self._times.clock() - located.last_frame_s
+        self._say_result()
+
+    def finish(self, located: Located) -> None:
+        """After the aircraft holds: the waypoint, the pictures and `answer.json`."""
+        if self._link is not None and self.geotag is not None and self._settings.waypoint:
+            self._attempt("waypoint", self._append_waypoint)
+        self._attempt("answer.json", lambda: self._write_answer(located))
+        self._attempt("plan view", lambda: self._folder.write("plan.png", plan_view(located)))
+        self._attempt(
+            "contact sheet", lambda: self._folder.write("contact-sheet.jpg", contact_sheet(located.key_frames))
+        )
+
+    def failed(self, error: SidestepError) -> None:
+        """The flight gave no answer: keep why, and tell the ground station."""
+        self._event("failed", str(error))
+        content = json.dumps({"error": str(error), "timing": self._timing}).encode()
+        self._attempt("answer.json", lambda: self._folder.write("answer.json", content))
+        if self._texts is not None:
+            self._texts.send(f"sidestep: no answer: {error.cause}")
+
+    def _write_answer(self, located: Located) -> None:
+        self._timing["frames_used_hz"] = self._progress.frame_rate_hz
+        self._timing["sightings_hz"] = _rate(located)
+        content = {
+            "estimate": json.loads(estimate_line(located.estimate, located.flight.origin)),
+            "comparisons": [json.loads(estimate_line(other, located.flight.origin)) for other in located.comparisons],
+            "geotag": None if self.geotag is None else self.geotag.number,
+            "time_offset_s": None if located.offset is None else located.offset.offset_s,
+            "timing": self._timing,
+        }
+        self._folder.write("answer.json", json.dumps(content, indent=1).encode())
+
+    def _geotag(self, located: Located) -> Geotag:
+        estimate = self._sited(located.estimate)
+        pose = self._drone.pose_at(estimate.t_s)
+        return make_geotag(
+            estimate,
+            located.flight.origin,
+            id=located.flight.id,
+            time_utc=self._times.utc_of(estimate.t_s),
+            provenance=replace(self._provenance, sightings_file=str(self._folder.path / "sightings.jsonl")),
+            drone_enu_m=None if pose is None else pose.position_enu_m,
+            geoid_separation_m=self._drone.telemetry().geoid_separation_m,
+            picture=located.target_picture or b"",
+        )
+
+    def _sited(self, estimate: Estimate) -> Estimate:
+        """With the uncertainty of the aircraft's own place, which a place on the earth has and a distance has not."""
+        pose = self._drone.pose_at(estimate.t_s)
+        if pose is None or estimate.covariance is None:
+            return estimate
+        covariance = estimate.covariance.copy()
+        covariance[:3, :3] += pose.position_covariance_m2
+        return replace(estimate, covariance=covariance)
+
+    def _geo_status(self, located: Located, published: Estimate) -> object:
+        pose = self._drone.pose_at(published.t_s)
+        return camera_tracking_geo_status(
+            published,
+            located.flight.origin,
+            None if pose is None else np.asarray(pose.position_enu_m),
+            geoid_separation_m=self._drone.telemetry().geoid_separation_m,
+        )
+
+    def _point_at_target(self) -> None:
+        if self._link is not None and self.geotag is not None:
+            separation = self._drone.telemetry().geoid_separation_m
+            set_region_of_interest(self._link, self.geotag.place, geoid_separation_m=separation)
+            self._tell("region of interest", "set")
+
+    def _append_waypoint(self) -> None:
+        if self._link is None or self.geotag is None or self.geotag.drone is None:
+            return
+        height = self._drone.telemetry().height_m
+        item = standoff_waypoint(
+            self.geotag.place,
+            self.geotag.drone,
+            distance_m=self._settings.standoff_m,
+            height_above_home_m=float("nan") if height is None else height,
+        )
+        number = append_item(MissionProtocol(self._link), item)
+        self._tell("waypoint", f"appended to the mission as item {number}")
+
+    def _say_result(self) -> None:
+        if self.geotag is None or self._texts is None:
+            return
+        tag = self.geotag
+        self._texts.send(
+            f"target {tag.number}: {tag.place.lat_deg:.6f} {tag.place.lon_deg:.6f} CE90 {tag.ce90_m:.1f} m"
+        )
+
+    def _attempt(self, what: str, do: Callable[[], object]) -> None:
+        """Something that may fail without taking the answer back."""
+        try:
+            do()
+        except AnswerError as error:
+            self._tell(what, str(error))
+
+    def _tell(self, what: str, text: str) -> None:
+        self._progress.say(f"{what}: {text}")
+        self._event(what, text)
+
+    def _event(self, kind: str, text: str) -> None:
+        """A line of the flight's log; a full disk is told once and does not stop the flight."""
+        try:
+            self._folder.event(kind, text)
+        except AnswerError as error:
+            if not self._log_failed:
+                self._progress.say(str(error))
+            self._log_failed = True
+
+
+def _rate(located: Located) -> float:
+    sightings = located.flight.sightings
+    span_s = sightings[-1].t_s - sightings[0].t_s
+    return (len(sightings) - 1) / span_s if span_s > 0.0 else 0.0

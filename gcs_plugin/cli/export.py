@@ -1,0 +1,36 @@
+"""`sidestep export`: a log of geotags for other programs."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gcs_plugin.durable import write_whole
+from gcs_plugin.export import FORMATS
+from gcs_plugin.geotags import read_geotags
+from mission.errors import SettingsError
+
+Format = Enum("Format", {name: name for name in FORMATS})  # type: ignore[misc]  # the choices are the formats
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("export")(export)
+
+
+def export(
+    log: Annotated[Path, typer.Argument(help="The GeoPackage that holds the geotags.")],
+    to: Annotated[Format, typer.Option("--format", help="What to write.")],
+    output: Annotated[Path | None, typer.Option(help="The file to write; standard output without it.")] = None,
+) -> None:
+    """Write the geotags of LOG as GeoJSON, KML or CSV."""
+    if not log.is_file():
+        raise SettingsError(f"There is no geotag log {log}", "Check the path; `sidestep locate` prints it.")
+    text = FORMATS[to.value](read_geotags(log))
+    if output is None:
+        typer.echo(text, nl=False)
+    else:
+        write_whole(output, text.encode("utf-8"))

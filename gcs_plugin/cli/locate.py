@@ -1,0 +1,237 @@
+"""`sidestep locate`: fly the pattern and say where the person is."""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+import time
+import uuid
+from collections.abc import Callable
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from types import FrameType
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from gcs_plugin.answer import Answer, Times
+from gcs_plugin.flight_folder import FlightFolder
+from gcs_plugin.geotags import GeotagLog, Provenance
+from gcs_plugin.progress import Progress
+from mission.camera import Camera, Mounting, read_camera
+from mission.detect import make_detector
+from mission.drones.drone import Drone, Order, OrderState
+from mission.drones.flight import FlightSettings
+from mission.drones.mavlink import MavlinkDrone
+from mission.errors import FlightEnded, FlightRefused, SettingsError, SidestepError
+from mission.locate import Locate
+from mission.located import Located, TargetChoice
+from mission.records import Box
+from mission.settings import CameraSettings, MissionSettings, read_settings
+from mission.track import Tracker
+from mission.video import VideoSource, open_video
+
+TAKE_OFF_TIMEOUT_S = 60.0
+
+
+class Abort:
+    """Ctrl-C: before the flight it ends the program, during the flight it ends the flight and lets it clean up."""
+
+    def __init__(self) -> None:
+        self._asked = threading.Event()
+        self.in_flight = False
+
+    def install(self) -> None:
+        """Take over SIGINT and SIGTERM."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def asked(self) -> bool:
+        """Whether the operator wants an end."""
+        return self._asked.is_set()
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self._asked.set()
+        if not self.in_flight:
+            raise KeyboardInterrupt
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+
+    @app.command()
+    def locate(
+        settings: Annotated[Path | None, typer.Option(help="Settings, TOML (`sidestep settings` prints one).")] = None,
+        link: Annotated[str | None, typer.Option(help="The aircraft, e.g. udpin://0.0.0.0:14540.")] = None,
+        video: Annotated[str | None, typer.Option(help="The video: anything FFmpeg opens.")] = None,
+        camera: Annotated[Path | None, typer.Option(help="Camera file of `sidestep calibrate`.")] = None,
+        box: Annotated[str | None, typer.Option(help="The target: LEFT,TOP,WIDTH,HEIGHT in pixels.")] = None,
+        point: Annotated[str | None, typer.Option(help="The target: X,Y in pixels.")] = None,
+        take_off: Annotated[float | None, typer.Option(help="Arm and take off to this height (m) first.")] = None,
+        land: Annotated[bool, typer.Option("--land", help="Land afterwards.")] = False,
+    ) -> None:
+        """Locate the person in view: hover, turn, fly the pattern, estimate, report.
+
+        Ctrl-C at any moment: the aircraft holds its place and the log is whole.
+        """
+        chosen = _with_options(read_settings(settings), link, video, camera)
+        choice = TargetChoice(_box(box), _point(point))
+        _run(chosen, choice, take_off, land, Console(highlight=False))
+
+
+def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None, land: bool, console: Console) -> None:
+    abort = Abort()
+    abort.install()
+    times = Times(time.monotonic, lambda: datetime.now(UTC))
+    with ExitStack() as stack:
+        progress = stack.enter_context(Progress(console))
+        log = GeotagLog(settings.answer.folder / "geotags.gpkg")
+        log.prepare()
+        folder = stack.enter_context(FlightFolder(settings.answer.folder, times.utc()))
+        detector = make_detector(settings.detect.detector)
+        drone = MavlinkDrone(
+            settings.link.url,
+            flight=FlightSettings(min_battery_fraction=settings.link.min_battery),
+            pilot_log=folder.path / "pilot.log",
+        )
+        stack.callback(drone.close)
+        progress.say(f"connecting to {settings.link.url}")
+        drone.connect(settings.link.connect_timeout_s)
+        progress.say(f"connected to {drone.name}, poses at {drone.telemetry().pose_rate_hz:.0f} Hz")
+        if take_off is not None:
+            _take_off(drone, settings, take_off, abort, progress)
+        source, lens = _open_camera(settings, progress)
+        stack.callback(source.close)
+        provenance = Provenance(
+            software=f"sidestep {version('sidestep')}",
+            flight_id=folder.path.name,
+            video=settings.video.url,
+            link=settings.link.url,
+            choice=str(choice),
+        )
+        answer = Answer(drone, drone.link, settings.answer, folder, log, progress, provenance, times)
+        procedure = Locate(drone, source, lens, detector, Tracker(detector), settings, answer, abort.asked)
+        abort.in_flight = True
+        try:
+            located = procedure.run(choice, f"{folder.path.name}-{uuid.uuid4().hex[:8]}")
+        except SidestepError as error:
+            answer.failed(error)
+            raise
+        finally:
+            abort.in_flight = False
+        answer.finish(located)
+        if land:
+            _wait(drone, drone.land(), TAKE_OFF_TIMEOUT_S, abort.asked)
+        _print(console, located, answer, folder)
+
+
+def _take_off(drone: Drone, settings: MissionSettings, height_m: float, abort: Abort, progress: Progress) -> None:
+    progress.say(f"taking off to {height_m:.1f} m")
+    drone.begin(settings.limits.bounds())
+    abort.in_flight = True
+    try:
+        _wait(drone, drone.take_off(height_m), TAKE_OFF_TIMEOUT_S, abort.asked)
+    finally:
+        abort.in_flight = False
+
+
+def _wait(drone: Drone, order: Order, timeout_s: float, aborted: Callable[[], bool]) -> None:
+    """Wait for an order to be done, keeping the pilot process alive.
+
+    Raises:
+        FlightRefused: it is not taken.
+        FlightEnded: it ended before it was done, or takes too long.
+    """
+    deadline = time.monotonic() + timeout_s
+    while order.state in (OrderState.PENDING, OrderState.FLYING):
+        drone.telemetry()
+        if aborted():
+            raise FlightEnded("aborted by the operator")
+        if time.monotonic() > deadline:
+            raise FlightEnded(f"{order.kind} was not done within {timeout_s:.0f} s", "Look at the aircraft.")
+        time.sleep(0.02)  # paces the keep-alive; the order's own state ends the loop
+    if order.state is OrderState.REFUSED:
+        raise FlightRefused(f"{order.kind} refused: {order.reason}")
+    if order.state is OrderState.ENDED:
+        raise FlightEnded(f"{order.kind} ended: {order.reason}")
+
+
+def _open_camera(settings: MissionSettings, progress: Progress) -> tuple[VideoSource, Camera]:
+    """The video and the camera that makes it; loud when the camera is not calibrated."""
+    known = None if settings.camera.file is None else read_camera(settings.camera.file)
+    latency_s = settings.video.latency_s if settings.video.latency_s is not None else known.latency_s if known else 0.0
+    source = open_video(settings.video.url, latency_s=latency_s, open_timeout_s=settings.video.open_timeout_s)
+    frame = source.latest(-1, settings.video.open_timeout_s)
+    height, width = (480, 640) if frame is None else frame.image.shape[:2]
+    camera = known.for_picture(width, height) if known else _uncalibrated(settings.camera, width, height)
+    if not camera.calibrated:
+        progress.say(
+            f"WARNING: the camera is not calibrated; using {settings.camera.hfov_deg:.1f} deg of view. "
+            "Errors grow, and the ellipse with them: run `sidestep calibrate`.",
+            style="bold yellow",
+        )
+    return source, camera
+
+
+def _uncalibrated(settings: CameraSettings, width: int, height: int) -> Camera:
+    mounting = Mounting.tilted(math.radians(settings.tilt_down_deg))
+    return Camera.from_field_of_view(width, height, math.radians(settings.hfov_deg), mounting)
+
+
+def _print(console: Console, located: Located, answer: Answer, folder: FlightFolder) -> None:
+    estimate = located.estimate
+    table = Table(show_header=False, title="target")
+    if answer.geotag is not None:
+        tag = answer.geotag
+        table.add_row("place", f"{tag.place.lat_deg:.7f}, {tag.place.lon_deg:.7f}")
+        table.add_row("altitude", f"{tag.place.alt_m:.1f} m above {tag.place.datum}")
+        table.add_row("CE90 / LE90", f"{tag.ce90_m:.2f} m / {tag.le90_m:.2f} m")
+        table.add_row("geotag", f"number {tag.number} in {folder.path.parent / 'geotags.gpkg'}")
+    table.add_row("depth", f"{estimate.depth_m:.2f} m at the first of {estimate.sightings} sightings")
+    if estimate.velocity_enu_m_s is not None:
+        east, north = estimate.velocity_enu_m_s[:2]
+        table.add_row("velocity", f"{east:+.2f} m/s east, {north:+.2f} m/s north ({estimate.model})")
+    for other in located.comparisons:
+        table.add_row(f"({other.method})", f"{other.depth_m:.2f} m")
+    console.print(table)
+    for note in estimate.notes:
+        console.print(f"note: {note}", markup=False)
+    console.print(f"flight: {folder.path}")
+
+
+def _with_options(
+    settings: MissionSettings, link: str | None, video: str | None, camera: Path | None
+) -> MissionSettings:
+    if link is not None:
+        settings = settings.model_copy(update={"link": settings.link.model_copy(update={"url": link})})
+    if video is not None:
+        settings = settings.model_copy(update={"video": settings.video.model_copy(update={"url": video})})
+    if camera is not None:
+        settings = settings.model_copy(update={"camera": settings.camera.model_copy(update={"file": camera})})
+    return settings
+
+
+def _numbers(text: str, count: int, what: str) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        raise SettingsError(f"{what} is {text!r}", f"Give {count} numbers with commas between them.")
+    return numbers
+
+
+def _box(text: str | None) -> Box | None:
+    return None if text is None else Box(*_numbers(text, 4, "the box"))
+
+
+def _point(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    x, y = _numbers(text, 2, "the point")
+    return x, y

@@ -1,0 +1,72 @@
+"""Geotags for other programs: GeoJSON (RFC 7946), CSV (RFC 4180) and KML."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Iterable, Mapping
+from typing import Final
+
+from gcs_plugin.geotag import COLUMNS, Cell, Geotag, as_json
+from gcs_plugin.kml import to_kml
+from gcs_plugin.outline import ellipse_rings, flat_position
+
+# A spreadsheet runs a cell that begins so as a formula; notes and names come from outside.
+_FORMULA_STARTS: Final = ("=", "+", "-", "@", "\t", "\r")
+_COLUMNS: Final = [column for column in COLUMNS if column.name != "picture"]
+
+
+def to_geojson(geotags: Iterable[Geotag]) -> str:
+    """A FeatureCollection: of each geotag the point, with all its columns as properties, and the 95 % ellipse.
+
+    Positions have a third coordinate only where the ellipsoid height is known, as RFC 7946 section 4 wants it. An
+    ellipse across the antimeridian is cut in two (section 3.1.9).
+    """
+    features: list[Mapping[str, object]] = []
+    for geotag in geotags:
+        height = geotag.ellipsoid_height_m
+        position = flat_position(geotag) if height is None else (*flat_position(geotag), height)
+        features.append(
+            {
+                "type": "Feature",
+                "geometry": {"type": "Point", "coordinates": position},
+                "properties": {"kind": "target", **as_json(geotag)},
+            }
+        )
+        rings = ellipse_rings(geotag)
+        area = (
+            {"type": "Polygon", "coordinates": rings}
+            if len(rings) == 1
+            else {"type": "MultiPolygon", "coordinates": [[ring] for ring in rings]}
+        )
+        features.append(
+            {
+                "type": "Feature",
+                "geometry": area,
+                "properties": {"kind": "error-ellipse", "number": geotag.number, "id": geotag.id, "probability": 0.95},
+            }
+        )
+    return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def to_csv(geotags: Iterable[Geotag]) -> str:
+    """One row for each geotag, with a header; everything but the picture."""
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(["number", *(column.name for column in _COLUMNS)])
+    for geotag in geotags:
+        writer.writerow([geotag.number, *(_harmless(column.value(geotag)) for column in _COLUMNS)])
+    return text.getvalue()
+
+
+FORMATS: Final[Mapping[str, Callable[[Iterable[Geotag]], str]]] = {
+    "geojson": to_geojson,
+    "kml": to_kml,
+    "csv": to_csv,
+}
+"""What a log can be exported to, by name."""
+
+
+def _harmless(cell: Cell) -> Cell:
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA_STARTS) else cell

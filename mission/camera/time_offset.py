@@ -1,0 +1,128 @@
+"""The offset between video time and telemetry time, from a yaw movement that both have seen.
+
+The background of the picture shows how far the camera turned between two frames; the attitude reports say the same with
+their own time stamps. The shift that makes both agree best is the offset. It needs a turn that starts, stops or changes
+its rate: a steady turn looks the same at every shift.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mission.camera.background import BackgroundRotation
+from mission.camera.camera import Camera
+from mission.camera.rate_match import RateMatch, ReportedRotation
+from mission.pose import Pose
+from mission.records import Frame, Vector
+
+_MAX_GAP_S = 0.25
+_MIN_PAIRS = 12
+_MIN_TURN_RAD = math.radians(6.0)
+_MIN_CORRELATION = 0.8
+_GAIN = (0.6, 1.6)
+_MAX_SIGMA_S = 0.03
+_EDGE_S = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class TimeOffset:
+    """By how much the video's times are late against the telemetry's."""
+
+    offset_s: float
+    """A frame of time t shows the pose at t - offset_s; to be added to the camera's `latency_s`."""
+    sigma_s: float
+    turned_rad: float
+    """How far the aircraft turned to and fro while this was measured."""
+    gain: float
+    """Turn seen in the picture over turn reported; 1 with the right focal length."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pair:
+    from_s: float
+    to_s: float
+    rotation_vector: Vector
+
+
+class TimeOffsetMeter:
+    """Collects the picture's rotation while the aircraft flies, and compares it with the telemetry when asked.
+
+    Args:
+        camera: the lens, the mounting and the rolling shutter.
+        span_s: how much of the past is kept.
+        search_s: the smallest and the largest offset looked for.
+    """
+
+    def __init__(self, camera: Camera, span_s: float = 30.0, search_s: tuple[float, float] = (-0.2, 0.6)) -> None:
+        self._camera = camera
+        self._background = BackgroundRotation(camera.intrinsics)
+        self._span_s = span_s
+        self._search_s = search_s
+        self._pairs: deque[_Pair] = deque()
+        self._last_s: float | None = None
+        self.reason = "No frame was seen yet"
+        """Why the last `measure` gave nothing; empty when it did."""
+
+    def add(self, frame: Frame) -> None:
+        """Take in the next frame; about 3 ms at 640 x 480."""
+        if self._last_s is not None and not 0.0 < frame.t_s - self._last_s <= _MAX_GAP_S:
+            self._background.restart()
+        turn = self._background.measure(frame.image)
+        if turn is not None and self._last_s is not None:
+            shutter_s = self._camera.row_time_s(0.0, turn.mean_y_px)
+            self._pairs.append(_Pair(self._last_s + shutter_s, frame.t_s + shutter_s, turn.rotation_vector))
+        self._last_s = frame.t_s
+        while self._pairs and frame.t_s - self._pairs[0].from_s > self._span_s:
+            self._pairs.popleft()
+
+    def measure(self, pose_at: Callable[[float], Pose | None]) -> TimeOffset | None:
+        """The offset from all that was collected.
+
+        Args:
+            pose_at: the aircraft's reported pose at a program time (`Drone.pose_at`).
+
+        Returns:
+            None when the movement was too small or too steady to tell, or picture and telemetry do not agree;
+            `reason` says which.
+        """
+        found = self._measure(pose_at)
+        if isinstance(found, str):
+            self.reason = f"The offset between video and telemetry cannot be told: {found}"
+            return None
+        self.reason = ""
+        return found
+
+    def _measure(self, pose_at: Callable[[float], Pose | None]) -> TimeOffset | str:
+        if len(self._pairs) < _MIN_PAIRS:
+            return "too few frames with enough background were seen"
+        low, high = self._search_s
+        spans = np.array([(pair.from_s, pair.to_s) for pair in self._pairs])
+        seen = np.array([pair.rotation_vector for pair in self._pairs])
+        reported = ReportedRotation.collect(pose_at, self._camera, spans[0, 0] - high, spans[-1, 1] - low)
+        known = reported.known(spans - low) & reported.known(spans - high)
+        if np.count_nonzero(known) < _MIN_PAIRS:
+            return "too little telemetry covers the frames"
+        spans, seen = spans[known], seen[known]
+        axis = int(np.argmax(np.ptp(reported.angle_rad, axis=0)))
+        rates = RateMatch(spans, seen[:, axis], lambda shifted: reported.turn(shifted)[:, axis])
+        offset_s = rates.best_offset(low, high)
+        turned_rad = rates.turned_rad(offset_s)
+        if turned_rad < _MIN_TURN_RAD:
+            turned, needed = math.degrees(turned_rad), math.degrees(_MIN_TURN_RAD)
+            return f"the aircraft turned by only {turned:.1f} deg; it takes {needed:.0f}"
+        gain, correlation, sigma_s = rates.quality(offset_s)
+        if correlation < _MIN_CORRELATION or not _GAIN[0] < gain < _GAIN[1]:
+            return (
+                f"the picture does not turn as the telemetry says (correlation {correlation:.2f}, ratio {gain:.2f}): "
+                "wrong field of view or mounting, or no still background"
+            )
+        if min(offset_s - low, high - offset_s) < _EDGE_S:
+            return f"the offset is outside of {low:.1f} to {high:.1f} s"
+        if sigma_s > _MAX_SIGMA_S:
+            return f"the turn was too slow or too steady: the offset is uncertain by {sigma_s:.3f} s"
+        return TimeOffset(offset_s, sigma_s, turned_rad, gain)

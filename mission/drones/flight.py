@@ -1,0 +1,371 @@
+"""The pilot's rules: who may fly, when it ends, and what is ordered then. Pure: time, vehicle and controls come in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from mission.drones.drone import Bounds, EventKind, OrderState
+from mission.drones.handover import Holding, Landing
+from mission.drones.limits import FlightSettings, Room, limit_exceeded
+from mission.drones.maneuvers import FollowPath, Guidance, Maneuver, Outcome, StandStill, Turn
+from mission.drones.path_follower import Setpoint, check_path
+from mission.drones.pilot_protocol import EventReport, FlyOrder, OrderReport
+from mission.drones.preconditions import refusal
+from mission.drones.take_off import TakeOff, TakeOffControls
+from mission.drones.takeover import Phase, mode_takeover, sent_elsewhere
+from mission.drones.vehicle import VehicleState
+
+_CONFIRM_S = 3.0
+_RIVAL_MEMORY_S = 2.0
+_TARGET_SETTLES_S = 1.0
+"""ArduPilot's report of its target may be from before our setpoints for this long."""
+
+
+class Controls(TakeOffControls, Protocol):
+    """What the pilot can do to the vehicle. Nothing here blocks; results show in the vehicle's state."""
+
+    def setpoint(self, setpoint: Setpoint, yaw_rad: float) -> None:
+        """Send a position and velocity setpoint with an absolute heading; it is repeated until the next one."""
+        ...
+
+    def start(self) -> None:
+        """Ask for the mode that flies setpoints."""
+        ...
+
+    def stop(self) -> None:
+        """Stop the setpoints and ask for hold."""
+        ...
+
+    def release(self) -> None:
+        """Stop the setpoints at once and leave the mode as it is."""
+        ...
+
+
+class Flight:
+    """One vehicle's flying by our orders, from the operator's permission to hold.
+
+    `begin` gives a permission to take control once. It ends with hold (then `land` is still possible), and entirely
+    when somebody else takes the vehicle: from then on nothing is sent until the next `begin`.
+
+    Args:
+        controls: what flies.
+        vehicle: what the autopilot reports.
+        settings: limits.
+        report: called with what the program should know.
+    """
+
+    def __init__(
+        self,
+        controls: Controls,
+        vehicle: VehicleState,
+        settings: FlightSettings,
+        report: Callable[[OrderReport | EventReport], None],
+    ) -> None:
+        self.phase: Phase = "idle"
+        self._controls = controls
+        self._vehicle = vehicle
+        self._settings = settings
+        self._report = report
+        self._guidance = Guidance(vehicle, settings.max_yaw_rate_rad_s)
+        self._bounds = Bounds()
+        self._permitted = False
+        self._control_taken = False
+        self._heard_s = -math.inf
+        self._order: FlyOrder | None = None
+        self._maneuver: Maneuver | None = None
+        self._take_off: TakeOff | None = None
+        self._room = Room(self._bounds, np.zeros(3), 0.0, 0.0)
+        self._phase_s = 0.0
+        self._holding = Holding(vehicle.mode, 0.0)
+        self._landing = Landing(0.0)
+        self._rival: tuple[float, str] | None = None
+
+    # What the program says -------------------------------------------------------------------------------------------
+
+    def heard(self, now_s: float) -> None:
+        """The program is alive."""
+        self._heard_s = now_s
+
+    def begin(self, bounds: Bounds, now_s: float) -> None:
+        """The operator permits to take control once."""
+        if self.phase in ("flying", "entering", "climbing"):
+            self._event(now_s, "refused", "a new order by the operator while the last one is still flown: hold first")
+            return
+        self._bounds, self._permitted, self._control_taken = bounds, True, False
+        self._vehicle.take_mode_changes()
+
+    def aim(self, heading_rad: float) -> None:
+        """The heading to keep."""
+        self._guidance.aim_rad = heading_rad
+
+    def order(self, order: FlyOrder, now_s: float) -> None:
+        """Take an order; an earlier one that is not final ends."""
+        self._end_order(now_s, OrderState.ENDED, f"replaced by the order to {order.kind}")
+        self._order = order
+        reason = self._accept(order, now_s)
+        if reason:
+            self._event(now_s, "refused", reason)
+            self._end_order(now_s, OrderState.REFUSED, reason)
+
+    def _accept(self, order: FlyOrder, now_s: float) -> str | None:
+        if order.kind == "hold":
+            self._order_hold(now_s)
+            return None
+        if not self._permitted:
+            return "no order by the operator permits to fly: begin is needed first"
+        if order.kind == "take-off":
+            return self._accept_take_off(order, now_s)
+        if order.kind == "land":
+            return self._accept_land(now_s)
+        if self.phase not in ("flying", "entering"):
+            reason = self._take_control(now_s)
+            if reason:
+                return reason
+        return self._set_maneuver(order, now_s) if self.phase == "flying" else None
+
+    def _accept_take_off(self, order: FlyOrder, now_s: float) -> str | None:
+        height = order.height_m
+        if self.phase != "idle" or self._control_taken:
+            return "a take-off is only flown from the ground, at the start of an order"
+        if height is None or not self._bounds.min_height_m <= height <= self._bounds.max_height_m:
+            return (
+                f"the take-off height is outside {self._bounds.min_height_m:.1f} to {self._bounds.max_height_m:.1f} m"
+            )
+        reason = refusal(self._vehicle, self._settings.min_battery_fraction, now_s, on_ground=True)
+        if reason is None:
+            self._take_off = TakeOff(height, now_s)
+            self._enter("climbing", now_s)
+            self._flying(now_s)
+        return reason
+
+    def _accept_land(self, now_s: float) -> str | None:
+        if not self._vehicle.in_air:
+            return "the vehicle is not in the air"
+        if self.phase == "holding":
+            return "the vehicle is being put into hold; land after that"
+        self._controls.release()
+        self._maneuver = None
+        self._landing = Landing(now_s)
+        self._enter("landing", now_s)
+        self._flying(now_s)
+        return None
+
+    def _take_control(self, now_s: float) -> str | None:
+        if self._control_taken:
+            return "control was given back: begin is needed to take it again"
+        if self.phase != "idle":
+            return f"the vehicle is {self.phase}"
+        vehicle = self._vehicle
+        reason = refusal(vehicle, self._settings.min_battery_fraction, now_s, on_ground=False)
+        if reason is None and self._rival is not None and now_s - self._rival[0] < _RIVAL_MEMORY_S:
+            reason = f"another controller is flying it: {self._rival[1]}"
+        if reason is not None:
+            return reason
+        local, height = self._guidance.local, vehicle.height_m
+        if height is None:
+            return "the height above the take-off point is not known"
+        here = local.position_ned_m.copy()
+        self._room = Room(self._bounds, here, float(here[2]) + height, now_s)
+        reason = self._room.outside(here)
+        if reason:
+            return f"the vehicle is outside the allowed room: {reason}"
+        self._guidance.target = Setpoint(np.full(3, math.inf), np.zeros(3))
+        self._guidance.stop_here(self._room)
+        self._guidance.start(now_s)
+        vehicle.take_mode_changes()
+        self._controls.complaint()
+        self._controls.setpoint(self._guidance.target, self._guidance.yaw_rad)
+        self._controls.start()
+        self._control_taken = True
+        self._enter("entering", now_s)
+        return None
+
+    def _set_maneuver(self, order: FlyOrder, now_s: float) -> str | None:
+        guidance = self._guidance
+        if order.kind == "path":
+            if order.path is None:
+                return "the order has no path"
+            rest = float(np.linalg.norm(guidance.target.velocity_ned_m_s)) == 0.0
+            start = guidance.target.position_ned_m if rest else guidance.local.position_ned_m
+            room = self._room
+            reason = check_path(
+                order.path, room.bounds, start, room.centre_ned_m, room.ground_down_m, room.left_s(now_s)
+            )
+            if reason:
+                self._set_still(now_s)
+                return reason
+            self._maneuver = FollowPath(order.path, start, now_s)
+        else:
+            if order.kind == "turn" and (order.heading_rad is None or not math.isfinite(order.heading_rad)):
+                return "the order has no heading"
+            self._set_still(now_s)
+            if order.kind == "turn" and order.heading_rad is not None:
+                self._maneuver = Turn(order.heading_rad)
+        self._flying(now_s)
+        return None
+
+    def _set_still(self, now_s: float) -> None:
+        self._guidance.stop_here(self._room)
+        self._maneuver = StandStill(now_s)
+
+    def _order_hold(self, now_s: float) -> None:
+        if self.phase in ("entering", "flying", "climbing", "landing"):
+            self._hold(now_s)
+            self._flying(now_s)
+        elif self.phase == "idle":
+            self._flying(now_s)
+            self._end_order(now_s, OrderState.DONE, "the vehicle was not under our control")
+
+    # What time brings ------------------------------------------------------------------------------------------------
+
+    def step(self, now_s: float) -> None:
+        """Look at everything once; called at 50 Hz."""
+        self._watch_modes(now_s)
+        if self.phase in ("entering", "flying", "climbing"):
+            room = self._room if self.phase == "flying" else None
+            exceeded = limit_exceeded(self._vehicle, self._settings, room, now_s - self._heard_s, now_s)
+            if exceeded is not None:
+                self.stop(*exceeded, now_s)
+        if self.phase == "climbing":
+            self._step_climb(now_s)
+        elif self.phase == "entering":
+            self._step_entering(now_s)
+        elif self.phase == "flying":
+            self._step_flying(now_s)
+        elif self.phase == "holding":
+            self._step_holding(now_s)
+        elif self.phase == "landing":
+            self._step_landing(now_s)
+
+    def rival(self, text: str, now_s: float) -> None:
+        """Somebody else's setpoint or "fly here" was seen on the link."""
+        self._rival = (now_s, text)
+        if self.phase in ("entering", "flying", "climbing"):
+            self._taken_over(now_s, "pilot", text)
+
+    def stop(self, kind: EventKind, reason: str, now_s: float) -> None:
+        """End what is flown by us and put the vehicle into hold; nothing when it is not flown by us."""
+        if self.phase in ("entering", "flying", "climbing"):
+            self._event(now_s, kind, f"{reason}; holding")
+            self._end_order(now_s, OrderState.ENDED, reason)
+            self._hold(now_s)
+
+    def _watch_modes(self, now_s: float) -> None:
+        vehicle = self._vehicle
+        for t_s, mode in vehicle.take_mode_changes():
+            taken = mode_takeover(self.phase, mode, vehicle) if self._permitted else None
+            if taken is not None:
+                self._taken_over(t_s, *taken)
+        if self.phase != "flying":
+            return
+        if vehicle.mode.kind != "offboard":
+            taken = mode_takeover(self.phase, vehicle.mode, vehicle)
+        elif not vehicle.armed:
+            taken = "failsafe", "the vehicle was disarmed"
+        else:
+            since_s = self._room.since_s + _TARGET_SETTLES_S
+            taken = sent_elsewhere(vehicle, self._guidance.target.position_ned_m, since_s)
+        if taken is not None:
+            self._taken_over(now_s, *taken)
+
+    def _taken_over(self, t_s: float, kind: EventKind, reason: str) -> None:
+        self._controls.release()
+        self._permitted = False
+        self._maneuver = self._take_off = None
+        self.phase = "idle"
+        self._event(t_s, kind, reason)
+        self._end_order(t_s, OrderState.ENDED, reason)
+
+    def _step_climb(self, now_s: float) -> None:
+        if self._take_off is None:
+            return
+        outcome = self._take_off.step(self._vehicle, self._controls, now_s)
+        if outcome is None:
+            return
+        self._take_off = None
+        if outcome.state is OrderState.ENDED:
+            self.stop("failsafe", outcome.reason, now_s)
+            return
+        self.phase = "idle"
+        self._vehicle.take_mode_changes()
+        if outcome.state is OrderState.REFUSED:
+            self._event(now_s, "refused", outcome.reason)
+        self._end_order(now_s, outcome.state, outcome.reason)
+
+    def _step_entering(self, now_s: float) -> None:
+        vehicle = self._vehicle
+        if vehicle.mode.kind == "offboard" and vehicle.mode_s is not None and vehicle.mode_s > self._phase_s:
+            self._event(now_s, "mode", f"we fly it, in {vehicle.mode.name}")
+            self._enter("flying", now_s)
+            vehicle.take_mode_changes()
+            order = self._order
+            reason = self._set_maneuver(order, now_s) if order is not None else None
+            if order is None:
+                self._set_still(now_s)
+            if reason:
+                self._event(now_s, "refused", reason)
+                self._end_order(now_s, OrderState.REFUSED, reason)
+        elif now_s - self._phase_s > _CONFIRM_S:
+            complaint = self._controls.complaint()
+            reason = "the autopilot does not let us fly it" + (f": {complaint}" if complaint else "")
+            self._event(now_s, "refused", reason)
+            self._end_order(now_s, OrderState.REFUSED, reason)
+            # The request for the mode may still be on its way.
+            self._hold(now_s)
+
+    def _step_flying(self, now_s: float) -> None:
+        outcome: Outcome | None = None
+        if self._maneuver is not None:
+            outcome = self._maneuver.step(self._guidance, now_s)
+        self._guidance.slew(now_s)
+        reason = self._room.outside(self._guidance.target.position_ned_m)
+        if reason:
+            self.stop("failsafe", f"the setpoint would leave the bounds: {reason}", now_s)
+            return
+        self._controls.setpoint(self._guidance.target, self._guidance.yaw_rad)
+        if outcome is not None:
+            self._maneuver = None
+            self._end_order(now_s, outcome.state, outcome.reason)
+
+    def _hold(self, now_s: float) -> None:
+        self._maneuver = self._take_off = None
+        self._controls.stop()
+        self._holding = Holding(self._vehicle.mode, now_s)
+        self._enter("holding", now_s)
+
+    def _step_holding(self, now_s: float) -> None:
+        came = self._holding.step(self._vehicle, self._controls, now_s)
+        if came is None:
+            return
+        kind, text = came
+        self.phase = "idle"
+        self._permitted = self._permitted and kind == "mode"
+        self._vehicle.take_mode_changes()
+        self._event(now_s, kind, text)
+        self._end_order(now_s, OrderState.ENDED if kind == "failsafe" else OrderState.DONE, text)
+
+    def _step_landing(self, now_s: float) -> None:
+        outcome = self._landing.step(self._vehicle, self._controls, now_s)
+        if outcome is not None:
+            self.phase = "idle"
+            self._permitted = False
+            self._end_order(now_s, outcome.state, outcome.reason)
+
+    def _enter(self, phase: Phase, now_s: float) -> None:
+        self.phase, self._phase_s = phase, now_s
+
+    def _flying(self, now_s: float) -> None:
+        if self._order is not None:
+            self._report(OrderReport(id=self._order.id, state=OrderState.FLYING, t_s=now_s))
+
+    def _end_order(self, now_s: float, state: OrderState, reason: str) -> None:
+        if self._order is not None:
+            self._report(OrderReport(id=self._order.id, state=state, reason=reason, t_s=now_s))
+            self._order = None
+
+    def _event(self, t_s: float, kind: EventKind, text: str) -> None:
+        self._report(EventReport(t_s=t_s, kind=kind, text=text))

@@ -1,0 +1,339 @@
+"""`MavlinkLink`: pymavlink on a loopback UDP socket, behind the connection that the pilot process owns."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import socket
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from mission.drones.framing import MESSAGE_IDS, decode, frames
+from mission.errors import LinkError
+
+_LOG = logging.getLogger(__name__)
+
+Message = Any
+"""A pymavlink message: its classes are generated and untyped."""
+
+
+class Mailbox:
+    """The messages of some types as they come; when nobody empties it the oldest go."""
+
+    def __init__(self, size: int) -> None:
+        self._messages: deque[Message] = deque(maxlen=size)
+        self._arrived = threading.Condition()
+        self.lost = 0
+        """Messages dropped because the mailbox was full."""
+
+    def put(self, message: Message) -> None:
+        """Add a message; never blocks."""
+        with self._arrived:
+            if len(self._messages) == self._messages.maxlen:
+                self.lost += 1
+            self._messages.append(message)
+            self._arrived.notify()
+
+    def get(self, timeout_s: float) -> Message | None:
+        """The oldest message not taken yet, or None after a time without any."""
+        with self._arrived:
+            self._arrived.wait_for(lambda: bool(self._messages), timeout_s)
+            return self._messages.popleft() if self._messages else None
+
+
+class MavlinkLink:
+    """One side of a MAVLink connection over UDP: sends, listens, commands; its own heartbeat keeps it known.
+
+    Frames of types that nobody listens to are not decoded. Nothing that arrives raises: broken frames are counted in
+    `rejected`. Only datagrams from the address that sent the first valid frame are read.
+
+    Args:
+        sock: a bound UDP socket; the link owns it from here on.
+        source_system: our system id.
+        source_component: our component id.
+        target_system: the vehicle; 0 takes the first autopilot that is heard.
+        handler: called in the reader thread with each message of `handled` types, with its arrival time. It must not
+            raise and not block.
+        handled: message names for the handler.
+        heartbeat: whether the link sends HEARTBEAT once a second.
+        clock: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        sock: socket.socket,
+        *,
+        source_system: int,
+        source_component: int,
+        target_system: int = 0,
+        handler: Callable[[Message, float], None] | None = None,
+        handled: Sequence[str] = (),
+        heartbeat: bool = True,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.source_system = source_system
+        self.source_component = source_component
+        self.target_system = target_system
+        self.target_component: int = mavlink.MAV_COMP_ID_AUTOPILOT1
+        self.rejected = 0
+        """Frames that were broken, and datagrams from strangers."""
+        self.dropped = 0
+        """Messages that could not be sent."""
+        self.received: Counter[str] = Counter()
+        """Decoded messages by name."""
+        self._socket = sock
+        self._socket.setblocking(True)
+        self._socket.settimeout(0.1)
+        self._clock = clock
+        self._handler = handler
+        self._handled = frozenset(handled)
+        self._parser = mavlink.MAVLink(None)
+        self._packers: dict[int, mavlink.MAVLink] = {}
+        self._sending = threading.Lock()
+        self._peer: tuple[str, int] | None = None
+        self._boxes: list[tuple[frozenset[str], Mailbox]] = []
+        self._boxes_lock = threading.Lock()
+        self._command_locks: dict[tuple[int, int], threading.Lock] = {}
+        self._wanted: frozenset[int] = frozenset()
+        self._heartbeat = heartbeat
+        self._closed = threading.Event()
+        self._update_wanted()
+        self._thread = threading.Thread(target=self._run, name="mavlink-link", daemon=True)
+        self._thread.start()
+
+    @property
+    def port(self) -> int:
+        """The local UDP port; 0 when closed."""
+        return 0 if self._closed.is_set() else int(self._socket.getsockname()[1])
+
+    @property
+    def connected(self) -> bool:
+        """Whether anything valid was ever received."""
+        return self._peer is not None
+
+    def close(self) -> None:
+        """Stop reading and free the port. Safe to call twice."""
+        self._closed.set()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(2.0)
+        self._socket.close()
+
+    def send(self, message: Message, *, source_component: int | None = None) -> None:
+        """Pack and send a message. Thread-safe, never blocks, never raises for the network: what cannot go is counted.
+
+        Args:
+            message: of pymavlink's v20 dialects.
+            source_component: send it as this component of ours.
+        """
+        component = self.source_component if source_component is None else source_component
+        with self._sending:
+            packer = self._packers.get(component)
+            if packer is None:
+                packer = self._packers[component] = mavlink.MAVLink(None, self.source_system, component)
+            packer.srcSystem = self.source_system
+            data = message.pack(packer)
+            packer.seq = (packer.seq + 1) % 256
+            if self._peer is None or self._closed.is_set():
+                self.dropped += 1
+                return
+            try:
+                self._socket.sendto(data, socket.MSG_DONTWAIT, self._peer)
+            except OSError:
+                self.dropped += 1
+
+    @contextlib.contextmanager
+    def listen(self, *types: str, size: int = 200) -> Iterator[Mailbox]:
+        """A mailbox that collects messages of these names from the whole link while the context lasts.
+
+        Raises:
+            ValueError: a name that is not in the MAVLink dialect.
+        """
+        unknown = [t for t in types if t not in MESSAGE_IDS]
+        if unknown:
+            raise ValueError(f"no MAVLink message is called {', '.join(unknown)}")
+        entry = (frozenset(types), Mailbox(size))
+        with self._boxes_lock:
+            self._boxes.append(entry)
+            self._update_wanted()
+        try:
+            yield entry[1]
+        finally:
+            with self._boxes_lock:
+                self._boxes = [e for e in self._boxes if e is not entry]
+                self._update_wanted()
+
+    def command(
+        self,
+        command: int,
+        params: Sequence[float],
+        *,
+        timeout_s: float = 0.7,
+        retries: int = 4,
+        progress_timeout_s: float = 30.0,
+        source_component: int | None = None,
+    ) -> int:
+        """Send COMMAND_LONG until it is answered (MAVLink command protocol: `confirmation` counts the repetitions).
+
+        Args:
+            command: MAV_CMD.
+            params: up to seven; the rest are 0.
+            timeout_s: wait for an answer before sending again.
+            retries: how often to send again.
+            progress_timeout_s: wait after each IN_PROGRESS.
+            source_component: order as this component of ours.
+
+        Returns:
+            MAV_RESULT of the final COMMAND_ACK.
+
+        Raises:
+            LinkError: nothing answered.
+        """
+        seven = [*map(float, params), *([0.0] * 7)][:7]
+
+        def build(attempt: int) -> Message:
+            return mavlink.MAVLink_command_long_message(
+                self.target_system, self.target_component, command, min(attempt, 255), *seven
+            )
+
+        return self._order(build, command, timeout_s, retries, progress_timeout_s, source_component)
+
+    def command_int(
+        self,
+        command: int,
+        params: Sequence[float],
+        x: int,
+        y: int,
+        z: float,
+        *,
+        frame: int = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+        timeout_s: float = 0.7,
+        retries: int = 4,
+        progress_timeout_s: float = 30.0,
+        source_component: int | None = None,
+    ) -> int:
+        """Send COMMAND_INT until it is answered; `x` and `y` are degrees times 1e7 in global frames. See `command`."""
+        four = [*map(float, params), *([0.0] * 4)][:4]
+
+        def build(attempt: int) -> Message:
+            del attempt  # COMMAND_INT has no confirmation field.
+            return mavlink.MAVLink_command_int_message(
+                self.target_system, self.target_component, frame, command, 0, 0, *four, x, y, z
+            )
+
+        return self._order(build, command, timeout_s, retries, progress_timeout_s, source_component)
+
+    def _order(
+        self,
+        build: Callable[[int], Message],
+        command: int,
+        timeout_s: float,
+        retries: int,
+        progress_timeout_s: float,
+        source_component: int | None,
+    ) -> int:
+        component = self.source_component if source_component is None else source_component
+        # Two equal commands at once could not tell their answers apart.
+        lock = self._command_locks.setdefault((component, command), threading.Lock())
+        with lock, self.listen("COMMAND_ACK") as acks:
+            in_progress = False
+            for attempt in range(retries + 1):
+                if in_progress:
+                    break
+                self.send(build(attempt), source_component=component)
+                until = self._clock() + timeout_s
+                while (remaining := until - self._clock()) > 0.0:
+                    ack = acks.get(remaining)
+                    if ack is None or not self._answers(ack, command, component):
+                        continue
+                    if ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
+                        return int(ack.result)
+                    in_progress, until = True, self._clock() + progress_timeout_s
+        name = mavlink.enums["MAV_CMD"][command].name if command in mavlink.enums["MAV_CMD"] else str(command)
+        raise LinkError(
+            f"the autopilot did not answer {name}", "Check the link, and that system id and component id are right"
+        )
+
+    def _answers(self, ack: Message, command: int, component: int) -> bool:
+        return (
+            ack.command == command
+            and ack.get_srcSystem() == self.target_system
+            and ack.target_system in (0, self.source_system)
+            and ack.target_component in (0, component)
+        )
+
+    def _update_wanted(self) -> None:
+        names = set(self._handled).union(*(types for types, _ in self._boxes)) | {"HEARTBEAT"}
+        self._wanted = frozenset(MESSAGE_IDS[n] for n in names)
+
+    def _run(self) -> None:
+        next_beat = 0.0
+        while not self._closed.is_set():
+            now = self._clock()
+            if self._heartbeat and now >= next_beat:
+                next_beat = now + 1.0
+                self.send(
+                    mavlink.MAVLink_heartbeat_message(
+                        mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+                        mavlink.MAV_AUTOPILOT_INVALID,
+                        0,
+                        0,
+                        mavlink.MAV_STATE_ACTIVE,
+                        3,
+                    )
+                )
+            try:
+                data, peer = self._socket.recvfrom(65535)
+            except TimeoutError:
+                continue
+            except OSError as error:
+                # An ICMP "port unreachable" from the far side, or the socket was closed.
+                if not self._closed.is_set():
+                    _LOG.debug("link: %s", error)
+                    self._closed.wait(0.05)
+                continue
+            self._take(data, (str(peer[0]), int(peer[1])))
+
+    def _take(self, data: bytes, peer: tuple[str, int]) -> None:
+        if self._peer is not None and peer != self._peer:
+            self.rejected += 1
+            return
+        arrived_s = self._clock()
+        for message_id, frame in frames(data):
+            if self._peer is not None and message_id not in self._wanted:
+                continue
+            message = decode(self._parser, frame)
+            if message is None:
+                self.rejected += 1
+                continue
+            self._peer = peer
+            self._deliver(message, arrived_s)
+
+    def _deliver(self, message: Message, arrived_s: float) -> None:
+        name = message.get_type()
+        self.received[name] += 1
+        if (
+            self.target_system == 0
+            and name == "HEARTBEAT"
+            and message.get_srcComponent() == mavlink.MAV_COMP_ID_AUTOPILOT1
+            and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID
+        ):
+            self.target_system = message.get_srcSystem()
+        with self._boxes_lock:
+            boxes = list(self._boxes)
+        for types, box in boxes:
+            if name in types:
+                box.put(message)
+        if self._handler is not None and name in self._handled:
+            self._handler(message, arrived_s)
+
+
+def loopback_socket() -> socket.socket:
+    """A UDP socket on a free loopback port."""
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.bind(("127.0.0.1", 0))
+    return sock

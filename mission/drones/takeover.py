@@ -1,0 +1,59 @@
+"""How it shows that somebody else flies the vehicle: the pilot, a ground station, or the autopilot's failsafe."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+
+from mission.drones.drone import EventKind
+from mission.drones.modes import FlightMode, ModeKind
+from mission.drones.vehicle import VehicleState
+from mission.records import Vector
+
+Phase = Literal["idle", "climbing", "entering", "flying", "holding", "landing"]
+"""What we do with the vehicle: nothing, a take-off, taking control, flying setpoints, putting it into hold, landing."""
+
+_ALLOWED: dict[Phase, tuple[ModeKind, ...]] = {
+    "idle": (),
+    "climbing": ("take-off", "hold", "offboard"),
+    "entering": ("offboard",),
+    "flying": ("offboard",),
+    "landing": ("land",),
+}
+_ELSEWHERE_M = 3.0
+_EARTH_M = 6.371e6
+
+Takeover = tuple[EventKind, str]
+"""Kind of the event, and what happened."""
+
+
+def mode_takeover(phase: Phase, mode: FlightMode, vehicle: VehicleState) -> Takeover | None:
+    """Whether a change to this mode was none of ours in this phase (`holding` looks at its modes by itself)."""
+    if phase == "holding" or mode.kind in _ALLOWED[phase]:
+        return None
+    if phase == "landing" and mode.kind == "hold" and not vehicle.in_air:
+        return None  # PX4 goes to Hold when it has landed.
+    if vehicle.critical:
+        return "failsafe", f"the autopilot's failsafe changed to {mode.name}"
+    return "pilot", f"the mode was changed to {mode.name}, not by us"
+
+
+def sent_elsewhere(vehicle: VehicleState, target_ned_m: Vector, since_s: float) -> Takeover | None:
+    """An operator's "fly here" on ArduPilot is GUIDED, as our flying is: only the autopilot's own target shows it.
+
+    Args:
+        vehicle: what the autopilot reports.
+        target_ned_m: (3,) our setpoint in the local frame.
+        since_s: older reports (POSITION_TARGET_GLOBAL_INT) are from before our setpoints.
+    """
+    target, local = vehicle.position_target, vehicle.local
+    if vehicle.autopilot != "ardupilot" or target is None or local is None or target[2] < since_s:
+        return None
+    north = math.radians(target[0] - vehicle.lat_deg) * _EARTH_M
+    east = math.radians(target[1] - vehicle.lon_deg) * _EARTH_M * math.cos(math.radians(target[0]))
+    there = local.position_ned_m[:2] + np.array([north, east])
+    if float(np.hypot(*(there - target_ned_m[:2]))) <= _ELSEWHERE_M:
+        return None
+    return "pilot", "the autopilot was sent to another place"

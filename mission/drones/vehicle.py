@@ -1,0 +1,257 @@
+"""What an autopilot reports, gathered from its messages: mode, health, battery, local position, height."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import all as mavlink
+
+from mission.drones.modes import MULTICOPTERS, Autopilot, FlightMode, autopilot_of, flight_mode
+from mission.records import Vector
+
+VEHICLE_MESSAGES = (
+    "HEARTBEAT",
+    "CURRENT_MODE",
+    "SYS_STATUS",
+    "EXTENDED_SYS_STATE",
+    "GPS_RAW_INT",
+    "GLOBAL_POSITION_INT",
+    "LOCAL_POSITION_NED",
+    "ATTITUDE",
+    "EKF_STATUS_REPORT",
+    "ESTIMATOR_STATUS",
+    "POSITION_TARGET_GLOBAL_INT",
+    "STATUSTEXT",
+)
+"""Messages that `VehicleState.update` reads."""
+
+_STALE_S = 1.0
+_EKF_POSITION = 0x218
+"""ArduPilot: horizontal position relative, absolute and predicted absolute."""
+_ESTIMATOR_POSITION = mavlink.ESTIMATOR_POS_HORIZ_ABS
+_UNKNOWN_HEADING = 65535
+_FOLLOWS_A_POINT = 0x7
+"""type_mask bits that a position target without a position has set."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalState:
+    """LOCAL_POSITION_NED: position (3,) m and velocity (3,) m/s in the autopilot's local north-east-down frame."""
+
+    t_s: float
+    position_ned_m: Vector
+    velocity_ned_m_s: Vector
+
+
+class VehicleState:
+    """The newest of what one vehicle reports. `update` is called in the link's thread, the rest from any.
+
+    Args:
+        system: the vehicle's system id; 0 takes the first autopilot that is heard.
+    """
+
+    def __init__(self, system: int = 0) -> None:
+        self.system = system
+        self.autopilot: Autopilot = "other"
+        self.vehicle_type = 0
+        self.heartbeat_s: float | None = None
+        self.mode = FlightMode("unknown", "unknown")
+        self.mode_s: float | None = None
+        self.mode_changes: deque[tuple[float, FlightMode]] = deque(maxlen=50)
+        """Each mode that followed another one, oldest first."""
+        self.armed = False
+        self.critical = False
+        self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
+        self.battery_fraction: float | None = None
+        self.prearm_ok: bool | None = None
+        self.gps_fix = 0
+        self.gps_accuracy_m: float | None = None
+        self.geoid_separation_m: float | None = None
+        self.ekf_flags: int | None = None
+        self.estimator_flags: int | None = None
+        self.estimator_accuracy_m: float | None = None
+        self.local: LocalState | None = None
+        self.yaw_rad = 0.0
+        self.yaw_rate_rad_s = 0.0
+        self.attitude_s: float | None = None
+        self.lat_deg = 0.0
+        self.lon_deg = 0.0
+        self.alt_amsl_m = 0.0
+        self.relative_alt_m = 0.0
+        self.global_s: float | None = None
+        self.heading_known = False
+        self.position_target: tuple[float, float, float] | None = None
+        """lat_deg, lon_deg, time of the newest POSITION_TARGET_GLOBAL_INT that has a position."""
+        self.texts: deque[tuple[float, int, str]] = deque(maxlen=50)
+        """STATUSTEXT: time, severity, text."""
+        self.ground_down_m: float | None = None
+        """Down coordinate of the ground under the take-off point, in the local frame."""
+        self._relative: deque[float] = deque(maxlen=25)
+        self._lock = threading.Lock()
+
+    def update(self, message: Any, now_s: float) -> None:
+        """Take in a message; those of other systems and components are passed over."""
+        name = message.get_type()
+        if message.get_srcComponent() != mavlink.MAV_COMP_ID_AUTOPILOT1:
+            return
+        if self.system == 0 and name == "HEARTBEAT" and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
+            self.system = message.get_srcSystem()
+        if message.get_srcSystem() != self.system:
+            return
+        with self._lock:
+            _UPDATES[name](self, message, now_s)
+
+    def connected(self, now_s: float, timeout_s: float = 3.5) -> bool:
+        """Whether the autopilot's heartbeat is young enough."""
+        return self.heartbeat_s is not None and now_s - self.heartbeat_s < timeout_s
+
+    @property
+    def in_air(self) -> bool:
+        """Armed and not on the ground."""
+        return self.armed and self.landed_state in (
+            mavlink.MAV_LANDED_STATE_IN_AIR,
+            mavlink.MAV_LANDED_STATE_TAKEOFF,
+            mavlink.MAV_LANDED_STATE_LANDING,
+        )
+
+    @property
+    def multicopter(self) -> bool:
+        """Whether it can hover."""
+        return self.vehicle_type in MULTICOPTERS
+
+    @property
+    def height_m(self) -> float | None:
+        """Above the take-off point: from the local frame, whose zero does not move as PX4's home altitude does."""
+        if self.local is None or self.ground_down_m is None:
+            return None
+        return self.ground_down_m - float(self.local.position_ned_m[2])
+
+    def position_ok(self, now_s: float) -> bool:
+        """Whether the estimator vouches for a horizontal position and both positions are fresh."""
+        fresh = self._fresh(self.global_s, now_s) and self.local is not None and self._fresh(self.local.t_s, now_s)
+        if self.ekf_flags is not None:
+            vouched = self.ekf_flags & _EKF_POSITION == _EKF_POSITION
+        else:
+            vouched = self.estimator_flags is not None and bool(self.estimator_flags & _ESTIMATOR_POSITION)
+        return fresh and vouched and self.gps_fix >= mavlink.GPS_FIX_TYPE_3D_FIX
+
+    def heading_ok(self, now_s: float) -> bool:
+        """Whether a heading is known and fresh."""
+        return self.heading_known and self._fresh(self.attitude_s, now_s)
+
+    def take_texts(self) -> list[tuple[float, int, str]]:
+        """STATUSTEXTs since the last call."""
+        with self._lock:
+            texts = list(self.texts)
+            self.texts.clear()
+        return texts
+
+    def take_mode_changes(self) -> list[tuple[float, FlightMode]]:
+        """Mode changes since the last call."""
+        with self._lock:
+            changes = list(self.mode_changes)
+            self.mode_changes.clear()
+        return changes
+
+    @staticmethod
+    def _fresh(t_s: float | None, now_s: float) -> bool:
+        return t_s is not None and now_s - t_s < _STALE_S
+
+    def _set_mode(self, custom_mode: int, now_s: float) -> None:
+        mode = flight_mode(self.autopilot, custom_mode)
+        if self.mode_s is not None and mode != self.mode:
+            self.mode_changes.append((now_s, mode))
+        self.mode, self.mode_s = mode, now_s
+
+    def _on_heartbeat(self, m: Any, now_s: float) -> None:
+        if m.autopilot == mavlink.MAV_AUTOPILOT_INVALID:
+            return
+        self.autopilot = autopilot_of(m.autopilot)
+        self.vehicle_type = m.type
+        self.armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.critical = m.system_status in (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY)
+        self.heartbeat_s = now_s
+        self._set_mode(m.custom_mode, now_s)
+
+    def _on_current_mode(self, m: Any, now_s: float) -> None:
+        if self.heartbeat_s is not None:
+            self._set_mode(m.custom_mode, now_s)
+
+    def _on_sys_status(self, m: Any, now_s: float) -> None:
+        del now_s
+        self.battery_fraction = m.battery_remaining / 100.0 if 0 <= m.battery_remaining <= 100 else None
+        self.prearm_ok = bool(m.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
+
+    def _on_extended_sys_state(self, m: Any, now_s: float) -> None:
+        del now_s
+        self.landed_state = m.landed_state
+
+    def _on_gps_raw_int(self, m: Any, now_s: float) -> None:
+        del now_s
+        self.gps_fix = m.fix_type
+        self.gps_accuracy_m = m.h_acc * 1e-3 if m.h_acc else None
+        self.geoid_separation_m = (m.alt_ellipsoid - m.alt) * 1e-3 if m.alt_ellipsoid else None
+
+    def _on_global_position_int(self, m: Any, now_s: float) -> None:
+        if m.lat == 0 and m.lon == 0:
+            return
+        self.lat_deg, self.lon_deg = m.lat * 1e-7, m.lon * 1e-7
+        self.alt_amsl_m, self.relative_alt_m = m.alt * 1e-3, m.relative_alt * 1e-3
+        self.heading_known = m.hdg != _UNKNOWN_HEADING
+        self.global_s = now_s
+
+    def _on_local_position_ned(self, m: Any, now_s: float) -> None:
+        position, velocity = np.array([m.x, m.y, m.z]), np.array([m.vx, m.vy, m.vz])
+        if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
+            return
+        self.local = LocalState(now_s, position, velocity)
+        grounded = self.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
+        if self.heartbeat_s is not None and not self.armed and grounded:
+            self.ground_down_m = m.z
+        elif self.ground_down_m is None and self.global_s is not None and self.in_air:
+            # First met in the air: home's height is all there is. PX4 moves it, so that the median of some is taken.
+            self._relative.append(m.z + self.relative_alt_m)
+            if len(self._relative) == self._relative.maxlen:
+                self.ground_down_m = float(np.median(self._relative))
+
+    def _on_attitude(self, m: Any, now_s: float) -> None:
+        if math.isfinite(m.yaw) and math.isfinite(m.yawspeed):
+            self.yaw_rad, self.yaw_rate_rad_s, self.attitude_s = m.yaw, m.yawspeed, now_s
+
+    def _on_ekf_status_report(self, m: Any, now_s: float) -> None:
+        del now_s
+        self.ekf_flags = m.flags
+
+    def _on_estimator_status(self, m: Any, now_s: float) -> None:
+        del now_s
+        self.estimator_flags = m.flags
+        accuracy = m.pos_horiz_accuracy
+        self.estimator_accuracy_m = accuracy if math.isfinite(accuracy) and accuracy > 0.0 else None
+
+    def _on_position_target_global_int(self, m: Any, now_s: float) -> None:
+        if m.type_mask & _FOLLOWS_A_POINT == 0 and (m.lat_int or m.lon_int):
+            self.position_target = (m.lat_int * 1e-7, m.lon_int * 1e-7, now_s)
+
+    def _on_statustext(self, m: Any, now_s: float) -> None:
+        self.texts.append((now_s, m.severity, m.text.strip("\x00 \t")))
+
+
+_UPDATES = {
+    "HEARTBEAT": VehicleState._on_heartbeat,
+    "CURRENT_MODE": VehicleState._on_current_mode,
+    "SYS_STATUS": VehicleState._on_sys_status,
+    "EXTENDED_SYS_STATE": VehicleState._on_extended_sys_state,
+    "GPS_RAW_INT": VehicleState._on_gps_raw_int,
+    "GLOBAL_POSITION_INT": VehicleState._on_global_position_int,
+    "LOCAL_POSITION_NED": VehicleState._on_local_position_ned,
+    "ATTITUDE": VehicleState._on_attitude,
+    "EKF_STATUS_REPORT": VehicleState._on_ekf_status_report,
+    "ESTIMATOR_STATUS": VehicleState._on_estimator_status,
+    "POSITION_TARGET_GLOBAL_INT": VehicleState._on_position_target_global_int,
+    "STATUSTEXT": VehicleState._on_statustext,
+}

@@ -1,0 +1,143 @@
+"""The default estimator: maximum a posteriori over all sightings, target and camera errors jointly.
+
+From several starts (`starts.py`) the joint model (`joint_model.py`) is minimised by Gauss-Newton; wrong sightings are
+taken out (`wrong_sightings.py`); the covariance is the inverse of the information at the minimum with everything but
+the target eliminated. Same input, same answer, bit for bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.errors import EstimateRefused
+from mission.estimate.arrow import NotPositiveDefinite
+from mission.estimate.gauss_newton import Minimum, minimise
+from mission.estimate.joint_model import WHITE, JointModel
+from mission.estimate.observations import Observations, observe
+from mission.estimate.posterior import to_estimate
+from mission.estimate.starts import Start, find_starts
+from mission.estimate.wrong_sightings import PIXEL_LIMIT, SIZE_LIMIT, blunder_scores, plausible, worst
+from mission.records import Estimate, FlightSightings
+
+_RIVAL = 12.0
+"""A start whose cost is this much above the best one's (as a share of it, or absolutely) is not tried."""
+_ROUNDS = 12
+_MAJORITY = 0.55
+"""Share of the sightings that must fit a target."""
+_SUSPICIOUS = 2.0
+"""A chi-square this many times its degrees of freedom is not noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Maximum a posteriori over all sightings (see the module)."""
+
+    name: str = "batch"
+
+    def estimate(self, flight: FlightSightings) -> Estimate:
+        """See `Estimator.estimate`."""
+        seen = observe(flight)
+        if len(seen.t_s) < 3:
+            raise EstimateRefused(
+                f"{len(seen.t_s)} usable sightings are too few", "Keep the target in view for three sightings or more."
+            )
+        try:
+            return _estimate(flight, seen)
+        except (NotPositiveDefinite, np.linalg.LinAlgError):
+            raise EstimateRefused(
+                "The sightings do not determine a position", "Fly further sideways, and keep the target in view."
+            ) from None
+
+
+def _estimate(flight: FlightSightings, seen: Observations) -> Estimate:
+    found = find_starts(seen, flight.noise, flight.prior)
+    kept = seen if found.right.all() else seen.only(found.right)
+    best: tuple[JointModel, Minimum] | None = None
+    refused = EstimateRefused("No distance explains the sightings", "Check the camera's mounting.")
+    for start in found.starts:
+        if best is not None and start.cost > found.starts[0].cost + _RIVAL:
+            break
+        try:
+            candidate = _from_start(JointModel(kept, flight.noise, flight.prior), start)
+        except EstimateRefused as error:
+            refused = error
+            continue
+        if best is None or _worth(candidate) < _worth(best):
+            best = candidate
+    if best is None:
+        raise refused
+    model, minimum = best if found.right.all() else _readmitted(seen, found.right, *best)
+    if model.count < _MAJORITY * len(seen.t_s):
+        raise EstimateRefused(
+            "The sightings contradict each other: no single target explains most of them",
+            "Check that one and the same person was tracked, and the camera's calibration and mounting.",
+        )
+    return to_estimate(flight, model, minimum)
+
+
+def _worth(candidate: tuple[JointModel, Minimum]) -> float:
+    """Cost, with what was taken out charged as if it had just failed: fewer sightings must not win by being fewer."""
+    model, minimum = candidate
+    return minimum.at.cost - PIXEL_LIMIT * model.count
+
+
+def _from_start(model: JointModel, start: Start) -> tuple[JointModel, Minimum]:
+    """The minimum near a start, without blunders.
+
+    Where two steps leave far more chi-square than noise would, blunders are looked for at once, and the next round
+    begins at the start again: what does not fit would lead the minimisation astray. If that takes out too many, it was
+    the start that did not fit, and they are looked for at the minimum only.
+    """
+    whole = model
+    while model.count >= _MAJORITY * whole.count:
+        first = minimise(model, model.start(start.position_m, start.velocity_m_s, start.log_size), max_steps=2)
+        smaller = _less(model, first)[0] if first.at.cost > _SUSPICIOUS * model.freedom else None
+        if smaller is None:
+            return _without_blunders(model, first if first.converged else minimise(model, first.at))
+        model = smaller
+    state = whole.start(start.position_m, start.velocity_m_s, start.log_size)
+    return _without_blunders(whole, minimise(whole, state))
+
+
+def _less(model: JointModel, minimum: Minimum) -> tuple[JointModel | None, NDArray[np.intp]]:
+    """The model without the worst blunders, or None when there are none, and the rows that it kept."""
+    pixel, size = blunder_scores(model, minimum.at)
+    wrong = worst(pixel, PIXEL_LIMIT)
+    unsized = worst(size, SIZE_LIMIT) & ~wrong
+    rows = np.flatnonzero(~wrong)
+    if not (wrong.any() or unsized.any()) or len(rows) < 3:
+        return None, rows
+    return JointModel(model.seen.only(~wrong, ~unsized), model.noise, model.prior), rows
+
+
+def _without_blunders(model: JointModel, minimum: Minimum) -> tuple[JointModel, Minimum]:
+    """Take out what does not fit, the worst first, until everything fits."""
+    for _ in range(_ROUNDS):
+        smaller, rows = _less(model, minimum)
+        if smaller is None:
+            break
+        minimum = minimise(smaller, smaller.adopt(model, minimum.at.state, rows))
+        model = smaller
+    return model, minimum
+
+
+def _readmitted(
+    seen: Observations, right: NDArray[np.bool_], model: JointModel, minimum: Minimum
+) -> tuple[JointModel, Minimum]:
+    """Take back what only the start found wrong: it was rough, and the most probable state knows better."""
+    everything = JointModel(seen, model.noise, model.prior)
+    nearest = np.abs(seen.t_s[:, None] - model.seen.t_s).argmin(axis=1)
+    state = everything.adopt(model, minimum.at.state, nearest)
+    state.chain[:, WHITE] = 0.0
+    at = everything.linearise(state)
+    if at is None:
+        return model, minimum
+    back = plausible(everything, at) & ~right
+    if not back.any():
+        return model, minimum
+    kept = np.isin(seen.index, model.seen.index) | back
+    larger = JointModel(seen.only(kept), model.noise, model.prior)
+    return _without_blunders(larger, minimise(larger, larger.adopt(everything, state, np.flatnonzero(kept))))

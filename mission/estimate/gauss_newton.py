@@ -1,0 +1,74 @@
+"""Gauss-Newton on the joint model, with step halving."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mission.errors import EstimateRefused
+from mission.estimate.arrow import Factored
+from mission.estimate.joint_model import JointModel, Linearised, State
+from mission.records import Matrix, Vector
+
+CONVERGED = 1e-2
+"""Stop after a step that promised to lower chi-square by less than this: the next would promise a hundredth of it."""
+MAX_STEPS = 40
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Minimum:
+    """The most probable state, and the normal equations there."""
+
+    at: Linearised
+    factored: Factored
+    steps: int
+    converged: bool
+
+
+def minimise(
+    model: JointModel, start: State | Linearised, *, max_steps: int = MAX_STEPS, tolerance: float = CONVERGED
+) -> Minimum:
+    """The nearest local minimum of the joint model's cost.
+
+    Args:
+        model: residuals and normal equations.
+        start: where to start.
+        max_steps: Gauss-Newton steps at most.
+        tolerance: stop when a step promises less decrease of chi-square.
+
+    Raises:
+        EstimateRefused: the start is behind the camera.
+        NotPositiveDefinite: something is not observable.
+    """
+    at = start if isinstance(start, Linearised) else model.linearise(start)
+    if at is None:
+        raise EstimateRefused(
+            "the target would be behind the camera", "Check the camera's mounting and the order of the quaternion."
+        )
+    steps = 0
+    while True:
+        factored, chain_rhs, border_rhs = model.normal_equations(at)
+        chain_step, border_step = factored.solve(chain_rhs, border_rhs)
+        promised = float(chain_rhs @ chain_step + border_rhs @ border_step)
+        moved = _line_search(model, at, chain_step.reshape(at.state.chain.shape), border_step, promised)
+        steps += 1
+        if moved is None:
+            return Minimum(at, factored, steps, promised < 100.0 * tolerance)
+        at = moved
+        if promised < tolerance:
+            return Minimum(at, factored, steps, converged=True)
+        if steps >= max_steps:
+            return Minimum(at, factored, steps, converged=False)
+
+
+def _line_search(
+    model: JointModel, at: Linearised, chain_step: Matrix, border_step: Vector, promised: float
+) -> Linearised | None:
+    """The first of 1, 1/2, 1/4 ... of the step that does not raise the cost."""
+    share = 1.0
+    for _ in range(12):
+        state = State(at.state.chain + share * chain_step, at.state.border + share * border_step)
+        trial = model.linearise(state)
+        if trial is not None and trial.cost <= at.cost - 1e-4 * share * promised + 1e-9 * (1.0 + at.cost):
+            return trial
+        share *= 0.5
+    return None

@@ -1,0 +1,79 @@
+"""What an order to locate asks for, how its progress is told, and what it answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+from mission.camera.time_offset import TimeOffset
+from mission.flight_record import KeyFrame
+from mission.records import Box, Estimate, FlightSightings, Frame, Matrix
+from mission.track import Track
+
+
+class Stage(Enum):
+    """Where the procedure is."""
+
+    HOVER = "hover"
+    DETECT = "detect"
+    CENTRE = "centre"
+    SIDESTEP = "sidestep"
+    ESTIMATE = "estimate"
+    REPORT = "report"
+    HOLD = "hold"
+
+
+@dataclass(frozen=True, slots=True)
+class TargetChoice:
+    """Which of the people in view is meant; with neither, the one nearest the image centre."""
+
+    box: Box | None = None
+    point: tuple[float, float] | None = None
+
+    def __str__(self) -> str:
+        """In the operator's words."""
+        if self.box is not None:
+            return f"the operator's box around ({self.box.centre_px[0]:.0f}, {self.box.centre_px[1]:.0f}) px"
+        if self.point is not None:
+            return f"the operator's point ({self.point[0]:.0f}, {self.point[1]:.0f}) px"
+        return "the person nearest the image centre"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Located:
+    """A finished sidestep: the answer and all that decided it."""
+
+    flight: FlightSightings
+    estimate: Estimate
+    comparisons: tuple[Estimate, ...]
+    """The closed forms on the same sightings, where they apply."""
+    geodetic: bool
+    """Whether the flight's origin is a real place."""
+    offset: TimeOffset | None
+    drone_track: Matrix
+    """Rows of time, east, north, up; shape (n, 4)."""
+    key_frames: tuple[KeyFrame, ...]
+    target_picture: bytes | None
+    last_frame_s: float
+    """Program time of the last frame of the pattern."""
+
+
+class Watcher(Protocol):
+    """Who is told of what happens. Called from the procedure's own thread: keep it short."""
+
+    def stage(self, stage: Stage, text: str) -> None:
+        """A new stage, or news of the present one."""
+        ...
+
+    def frame(self, frame: Frame, track: Track | None) -> None:
+        """A frame was used."""
+        ...
+
+    def sightings(self, flight: FlightSightings) -> None:
+        """The sightings of a flight, before they are estimated from: keep them whatever follows."""
+        ...
+
+    def located(self, located: Located) -> None:
+        """The answer: store and publish it."""
+        ...

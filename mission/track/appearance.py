@@ -1,0 +1,47 @@
+"""What the target looks like: the colours of the upper and of the lower half of the body."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.records import Image, Vector
+
+_BINS = (6, 12, 12)
+"""Lightness is coarse (it changes with the sun and the exposure), the two colour axes of CIE L*a*b* are finer."""
+# Parts in body heights from the body's centre (left, right, top, bottom); narrow, so that they hold little background.
+_PARTS = ((-0.08, 0.08, -0.30, -0.02), (-0.07, 0.07, 0.04, 0.26))
+
+Histogram = NDArray[np.float32]
+
+
+def colours(window: Image, centre: Vector, body_px: float) -> Histogram:
+    """Normalised colour histograms of torso and legs, shape (2, bins).
+
+    Args:
+        window: upright window, BGR.
+        centre: the body's centre, window pixels.
+        body_px: the body's height in the window.
+    """
+    lab = cv2.cvtColor(window, cv2.COLOR_BGR2LAB)
+    answer = []
+    for left, right, top, bottom in _PARTS:
+        c0, c1 = (int(np.clip(round(centre[0] + v * body_px), 0, lab.shape[1])) for v in (left, right))
+        r0, r1 = (int(np.clip(round(centre[1] + v * body_px), 0, lab.shape[0])) for v in (top, bottom))
+        part = lab[r0:r1, c0:c1]
+        if part.size == 0:
+            answer.append(np.zeros(int(np.prod(_BINS)), np.float32))
+            continue
+        counts = cv2.calcHist([part], [0, 1, 2], None, list(_BINS), [0, 256, 64, 192, 64, 192])
+        # Soft bins: a colour at a bin's edge must not look like another one.
+        counts = np.asarray(counts, np.float32)
+        for axis in range(3):
+            counts = 0.5 * counts + 0.25 * (np.roll(counts, 1, axis) + np.roll(counts, -1, axis))
+        answer.append((counts / max(float(counts.sum()), 1e-6)).ravel().astype(np.float32))
+    return np.stack(answer)
+
+
+def likeness(a: Histogram, b: Histogram) -> float:
+    """Bhattacharyya coefficient, mean over the parts: 1 for the same colours, 0 for none in common."""
+    return float(np.sqrt(a * b).sum(axis=1).mean())

@@ -1,0 +1,302 @@
+"""The tracker: the same person from frame to frame, or "lost"; never somebody else.
+
+Head and shoulders are followed by correlation in every frame, which is precise but drifts. HOG (every other frame)
+says where the body is sideways, NanoDet (the frames between) how high and how tall it is; both have no memory, so they
+cannot drift, but they swing with the gait: the correlation is anchored to them slowly. Everything is measured in
+upright windows scaled to the body, so that whatever bias there is stays the same at all distances.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mission.detect.hog import WindowedHog
+from mission.detect.nanodet import NanoDet
+from mission.detect.window import Window, cut_window
+from mission.errors import DetectionError
+from mission.records import Box, Frame, Image, Vector
+from mission.track import noise
+from mission.track.appearance import Histogram, colours, likeness
+from mission.track.measure import Extent, Eyes
+from mission.track.motion import Motion
+from mission.track.template import Template
+from mission.track.track import Track, TrackState
+
+COASTING_S = 1.5
+"""How long a hidden person is waited for."""
+_BODY = WindowedHog.BODY_PX
+_MIDDLE = np.array(WindowedHog.SIZE) / 2.0
+_SAME_LOOKS = 0.55
+"""Smallest likeness of colours that may be the same person."""
+_SURE_LOOKS = 0.8
+"""Likeness from which on the memory of the colours follows the light."""
+_GOOD_MATCH = 0.7
+"""Smallest correlation that is believed."""
+_UNSEEN_S = 0.25
+"""How long correlation is believed without a detector agreeing: later it may have slid onto the background."""
+_TEMPLATE_S = 0.2
+"""Age at which the template is renewed."""
+_FRESH_HEIGHT_S = 0.5
+"""How long a height is reported after it was last measured."""
+_NEAR = 0.25
+"""A detection this far from where the body is expected, in body heights, may still be it."""
+
+
+@dataclass(slots=True)
+class _Target:
+    """All that is known about the target; changes from frame to frame."""
+
+    t_s: float
+    motion: Motion
+    looks: Histogram
+    template: Template | None
+    seen_s: float
+    """When it was last surely seen."""
+    agreed_s: float
+    """When a detector last agreed."""
+    height_s: float
+    """When the height was last measured."""
+    crowded: bool = False
+    """Somebody else is so close that HOG might mean them."""
+    cut_off: bool = False
+    """Part of the body is out of the picture, so its height cannot be measured."""
+    returning: int = 0
+    """In how many frames in a row somebody like the target was seen while coasting."""
+
+
+class Tracker:
+    """Follows one person.
+
+    Args:
+        network: the NanoDet network, to share one that is already loaded.
+    """
+
+    def __init__(self, network: NanoDet | None = None) -> None:
+        self._eyes = Eyes(network or NanoDet())
+        self._target: _Target | None = None
+        self._lost = True
+        self._frames = 0
+
+    def start(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> None:
+        """Take whoever is in the box as the target.
+
+        Args:
+            frame: the frame in which it was detected.
+            box: of the person, from a detector or drawn by hand, roughly head to foot.
+            roll_rad: of the camera about its optical axis, positive with the right side down.
+
+        Raises:
+            DetectionError: there is no person in the box.
+        """
+        centre, height = box.centre_px, box.height_px
+        for _ in range(2):  # the second look is at the right scale
+            window, bodies = self._eyes.bodies(frame.image, centre, height, roll_rad)
+            place = window.to_window(*box.centre_px)
+            body = min(bodies, key=lambda b: float(np.hypot(*np.subtract(b.box.centre_px, place))), default=None)
+            if body is None:
+                raise DetectionError(
+                    "There is nobody to follow in the box", "Draw the box around one person, head to foot."
+                )
+            centre, height = body.centre, body.height_px
+            cut_off = not body.feet_visible
+        self._begin(frame, centre, height, cut_off, roll_rad)
+
+    def update(self, frame: Frame, shift_px: tuple[float, float] = (0.0, 0.0), roll_rad: float = 0.0) -> Track:
+        """Follow the target into the next frame.
+
+        Args:
+            frame: newer than the last one.
+            shift_px: how far the picture is expected to have moved at the target, by the camera's own rotation since
+                the last frame.
+            roll_rad: of the camera about its optical axis, positive with the right side down; without it, size and
+                place wander a little with the camera's roll.
+
+        Raises:
+            DetectionError: `start` was not called.
+        """
+        target = self._target
+        if target is None:
+            raise DetectionError("The tracker was not started", "Choose a target first.")
+        if self._lost:
+            return self._track(frame, target, "lost", 0.0)
+        self._frames += 1
+        dt = max(frame.t_s - target.t_s, 1e-3)
+        hidden = target.seen_s < target.t_s
+        target.motion.predict(dt, shift_px)
+        target.t_s = frame.t_s
+        if hidden:
+            return self._look_for(frame, target, roll_rad)
+        return self._follow(frame, target, roll_rad)
+
+    def _begin(self, frame: Frame, centre: tuple[float, float], height: float, cut_off: bool, roll: float) -> None:
+        window = _upright(frame.image, centre, height, roll)
+        hog = self._eyes.centre(window, _NEAR)
+        if hog is not None:
+            y = hog.y_px if cut_off else float(_MIDDLE[1])
+            centre, height = window.to_frame(hog.x_px, y), hog.height_px / window.scale if cut_off else height
+            window = _upright(frame.image, centre, height, roll)
+        self._target = _Target(
+            t_s=frame.t_s,
+            motion=Motion(window.to_frame(*_MIDDLE), height, noise.SIDEWAYS_SIGMA, noise.HEIGHT_SIGMA),
+            looks=colours(window.image, _MIDDLE, _BODY),
+            template=Template.cut(window.image, _MIDDLE, _BODY, frame.t_s),
+            seen_s=frame.t_s,
+            agreed_s=frame.t_s,
+            height_s=-np.inf if cut_off else frame.t_s,
+            cut_off=cut_off,
+        )
+        self._lost = False
+
+    def _follow(self, frame: Frame, target: _Target, roll: float) -> Track:
+        window = _upright(frame.image, target.motion.pixel, target.motion.height_px, roll)
+        looks = [self._see_sideways, self._see_upright]
+        if self._frames % 2:
+            looks.reverse()
+        # Where one detector does not see the target, the other may.
+        agreed = any(look(frame, target, window, roll) for look in looks)
+        if not agreed and not self._correlate(frame, target, window):
+            return self._coast(frame, target, 0.0)
+        body = np.array(window.to_window(*_pair(target.motion.pixel)))
+        seen = colours(window.image, body, _BODY)
+        alike = likeness(seen, target.looks)
+        if alike < _SAME_LOOKS or not _inside(window, body):
+            return self._coast(frame, target, alike)
+        target.seen_s = frame.t_s
+        if agreed:
+            target.agreed_s = frame.t_s
+            if alike > _SURE_LOOKS:
+                target.looks = 0.98 * target.looks + 0.02 * seen
+            if target.template is None or frame.t_s - target.template.t_s >= _TEMPLATE_S:
+                target.template = Template.cut(window.image, body, _BODY, frame.t_s)
+        return self._track(frame, target, "tracking", alike)
+
+    def _see_sideways(self, _frame: Frame, target: _Target, window: Window, _roll: float) -> bool:
+        """HOG: where the body is sideways."""
+        hog = None if target.crowded else self._eyes.centre(window, _NEAR)
+        if hog is None:
+            return False
+        x, y = window.to_frame(hog.x_px, hog.y_px)
+        target.motion.see(0, x, noise.SIDEWAYS_SIGMA)
+        if target.cut_off:  # NanoDet cannot see the feet; HOG guesses them, roughly
+            target.motion.see(1, y, noise.HOG_UPRIGHT_SIGMA)
+            target.motion.see_height(hog.height_px / window.scale, noise.HOG_HEIGHT_SIGMA)
+        return True
+
+    def _see_upright(self, frame: Frame, target: _Target, _window: Window, roll: float) -> bool:
+        """NanoDet: how high and how tall the body is, and who else is near."""
+        height, expected = target.motion.height_px, target.motion.pixel
+        _, bodies = self._eyes.bodies(frame.image, _pair(expected), height, roll)
+        bodies.sort(key=lambda b: float(np.hypot(*np.subtract(b.centre, expected))))
+        body = next((b for b in bodies if _similar(b, expected, height)), None)
+        target.crowded = any(b is not body and _beside(b, expected, height) for b in bodies)
+        if body is None:
+            return False
+        target.cut_off = not (body.feet_visible and body.sides_visible)
+        if not target.cut_off:
+            target.motion.see_height(body.height_px, noise.HEIGHT_SIGMA)
+            target.motion.see(1, body.centre[1], noise.UPRIGHT_SIGMA)
+            target.height_s = frame.t_s
+        # Arms and legs swing NanoDet's box sideways, so it counts only where HOG is silent.
+        if target.crowded or target.motion.sigma_px[0] > noise.BOX_SIDEWAYS_SIGMA * height:
+            target.motion.see(0, body.centre[0], noise.BOX_SIDEWAYS_SIGMA)
+        return True
+
+    def _correlate(self, frame: Frame, target: _Target, window: Window) -> bool:
+        """Head and shoulders by correlation with the last frames: a bridge over frames that no detector understands."""
+        if target.template is None or frame.t_s - target.agreed_s > _UNSEEN_S:
+            return False
+        match = target.template.find(window.image, _MIDDLE, _BODY)
+        if match is None or match.score < _GOOD_MATCH:
+            return False
+        for axis, value in enumerate(window.to_frame(match.x_px, match.y_px)):
+            target.motion.see(axis, value, noise.MATCH_SIGMA)
+        return True
+
+    def _coast(self, frame: Frame, target: _Target, score: float) -> Track:
+        target.returning = 0
+        if frame.t_s - target.seen_s > COASTING_S:
+            self._lost = True
+            return self._track(frame, target, "lost", score)
+        return self._track(frame, target, "coasting", score)
+
+    def _look_for(self, frame: Frame, target: _Target, roll: float) -> Track:
+        """Look for somebody of the target's looks and size near where the target should be by now."""
+        hidden_s = frame.t_s - target.seen_s
+        height = target.motion.height_px
+        _, bodies = self._eyes.bodies(frame.image, _pair(target.motion.pixel), height, roll, wide=True)
+        # Who walks 1.5 m/s gets 0.85 body heights further in a second.
+        reach = 0.2 + 0.85 * hidden_s
+        best: tuple[float, Extent, Window, float] | None = None
+        for body in bodies:
+            away = float(np.hypot(*np.subtract(body.centre, target.motion.pixel))) / height
+            if away > reach or abs(np.log(body.height_px / height)) > 0.25 or not body.sides_visible:
+                continue
+            window = _upright(frame.image, body.centre, height, roll)
+            alike = likeness(colours(window.image, _MIDDLE, _BODY), target.looks)
+            hog = self._eyes.centre(window, _NEAR)
+            # A body half behind something: the two detectors do not agree about its middle.
+            if alike < _SAME_LOOKS + 0.1 or hog is None or abs(hog.x_px - _MIDDLE[0]) > 0.12 * _BODY:
+                continue
+            if best is None or alike - 0.3 * away > best[0]:
+                best = (alike - 0.3 * away, body, window, hog.x_px)
+        if best is None:
+            return self._coast(frame, target, 0.0)
+        target.returning += 1
+        if target.returning < 3:
+            if hidden_s > COASTING_S:
+                return self._coast(frame, target, 0.0)
+            return self._track(frame, target, "coasting", 0.0)
+        _, body, window, x = best
+        place = np.array([x, _MIDDLE[1]])
+        target.motion = Motion(window.to_frame(*place), height, noise.BOX_SIDEWAYS_SIGMA, 0.1)
+        target.template = Template.cut(window.image, place, _BODY, frame.t_s)
+        target.seen_s = target.agreed_s = frame.t_s
+        target.returning = 0
+        target.cut_off = not body.feet_visible
+        if not target.cut_off:
+            target.motion.see_height(body.height_px, noise.HEIGHT_SIGMA)
+            target.height_s = frame.t_s
+        return self._track(frame, target, "tracking", likeness(colours(window.image, place, _BODY), target.looks))
+
+    def _track(self, frame: Frame, target: _Target, state: TrackState, score: float) -> Track:
+        height = target.motion.height_px
+        x, y = _pair(target.motion.pixel)
+        fresh = state == "tracking" and frame.t_s - target.height_s <= _FRESH_HEIGHT_S
+        return Track(
+            frame_index=frame.index,
+            t_s=frame.t_s,
+            state=state,
+            box=Box(x - 0.2 * height, y - 0.5 * height, 0.4 * height, height),
+            pixel=(x, y),
+            pixel_sigma_px=noise.pixel_sigma_px(height, float(target.motion.sigma_px.max())),
+            height_px=height if fresh else None,
+            size_sigma=noise.size_sigma(height, frame.t_s - target.height_s) if fresh else None,
+            score=float(np.clip(score, 0.0, 1.0)),
+        )
+
+
+def _upright(image: Image, centre: tuple[float, float] | Vector, height: float, roll: float) -> Window:
+    return cut_window(image, _pair(centre), height, _BODY, WindowedHog.SIZE, roll)
+
+
+def _pair(point: tuple[float, float] | Vector) -> tuple[float, float]:
+    return float(point[0]), float(point[1])
+
+
+def _similar(body: Extent, expected: Vector, height: float) -> bool:
+    """Whether this may be the target."""
+    away = float(np.hypot(*np.subtract(body.centre, expected)))
+    return away < _NEAR * height and abs(np.log(body.height_px / height)) < 0.35
+
+
+def _beside(body: Extent, expected: Vector, height: float) -> bool:
+    """Whether this is somebody else whom HOG might mean."""
+    away = abs(body.centre[0] - expected[0]) / height
+    return body.score > 0.5 and 0.15 < away < 0.6 and abs(np.log(body.height_px / height)) < 0.5
+
+
+def _inside(window: Window, place: Vector) -> bool:
+    """Whether the torso is inside the picture."""
+    return all(window.shows(place[0] + side * 0.13 * _BODY, place[1]) for side in (-1, 1))

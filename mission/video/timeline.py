@@ -1,0 +1,107 @@
+"""Presentation times of a video, mapped to the program's clock."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Protocol
+
+from mission.clock import ClockMap
+
+_WRAP_S = 2.0**33 / 90000.0
+"""MPEG-TS counts 33 bits of 90 kHz: it starts anew after 26.5 hours (ISO 13818-1, 2.4.3.7)."""
+_JUMP_S = 1.0
+"""Presentation time that runs ahead of, or back from, the arrivals by more than this was set anew by the sender."""
+_MAX_DRIFT = 0.005
+
+
+class Timeline(Protocol):
+    """Gives each frame its time."""
+
+    def time_of(self, pts_s: float | None, arrived_s: float) -> float:
+        """Program time of the frame presented at `pts_s` whose packet arrived at the program time `arrived_s`."""
+        ...
+
+
+class LiveTimeline:
+    """A live stream: the offset of the sender's clock is learnt from the least delayed frames (`ClockMap`).
+
+    What is left is the delay that every frame has (exposure, encoder, network, demuxer); it is `latency_s`, measured
+    by `sidestep calibrate latency`, and subtracted here.
+
+    Args:
+        latency_s: from the middle of the exposure to the arrival of the least delayed frames.
+    """
+
+    def __init__(self, latency_s: float = 0.0) -> None:
+        self._latency_s = latency_s
+        self._clock = ClockMap(max_drift=_MAX_DRIFT)
+        self._wrapped_s = 0.0
+        self._last: tuple[float, float] | None = None
+
+    def time_of(self, pts_s: float | None, arrived_s: float) -> float:
+        """Program time of a frame; a stream without presentation times counts from each frame's arrival."""
+        if pts_s is None:
+            return arrived_s - self._latency_s
+        remote_s = pts_s + self._wrapped_s
+        if self._last is not None:
+            last_remote_s, last_arrived_s = self._last
+            step_s = remote_s - last_remote_s
+            if abs(step_s + _WRAP_S) < _JUMP_S:
+                self._wrapped_s += _WRAP_S
+                remote_s += _WRAP_S
+            elif step_s < -_JUMP_S or step_s > arrived_s - last_arrived_s + _JUMP_S:
+                self._clock = ClockMap(max_drift=_MAX_DRIFT)
+        self._last = remote_s, arrived_s
+        self._clock.observe(remote_s, arrived_s)
+        return self._clock.to_local(remote_s) - self._latency_s
+
+
+class RecordedTimeline:
+    """A file: its first frame is at `start_s`, the others follow by their presentation times.
+
+    Args:
+        start_s: program time of the first frame.
+        frame_s: what a frame lasts where the file does not say, or says nonsense.
+    """
+
+    def __init__(self, start_s: float, frame_s: float) -> None:
+        self._next_s = start_s
+        self._frame_s = frame_s
+        self._offset_s: float | None = None
+
+    def time_of(self, pts_s: float | None, arrived_s: float) -> float:
+        """Program time of a frame; the arrival does not matter."""
+        del arrived_s
+        t_s = self._next_s
+        if pts_s is not None:
+            if self._offset_s is not None and abs(pts_s + self._offset_s - self._next_s) < _JUMP_S:
+                t_s = pts_s + self._offset_s
+            self._offset_s = t_s - pts_s
+        self._next_s = t_s + self._frame_s
+        return t_s
+
+
+class Arrivals:
+    """When the last packets arrived: with B-frames a frame comes out later than its packet came in."""
+
+    _KEPT = 64
+
+    def __init__(self) -> None:
+        self._arrived: OrderedDict[float, float] = OrderedDict()
+        self._last: tuple[float, float] | None = None
+
+    def note(self, pts_s: float, arrived_s: float) -> bool:
+        """Take in a packet.
+
+        Returns:
+            whether it was waited for, rather than read from what had piled up.
+        """
+        self._arrived[pts_s] = arrived_s
+        while len(self._arrived) > self._KEPT:
+            self._arrived.popitem(last=False)
+        last, self._last = self._last, (pts_s, arrived_s)
+        return last is not None and arrived_s - last[1] >= 0.5 * abs(pts_s - last[0])
+
+    def of(self, pts_s: float | None, otherwise_s: float) -> float:
+        """When the packet of this frame arrived."""
+        return otherwise_s if pts_s is None else self._arrived.get(pts_s, otherwise_s)

@@ -1,0 +1,61 @@
+"""`python -m sitl.autopilot`: a simulated PX4 or ArduPilot on the loopback interface."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import signal
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+
+from sitl.autopilot.config import AutopilotConfig
+from sitl.autopilot.server import AutopilotServer
+from sitl.truth import TruthRing
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly until interrupted (or until standard input ends, with --control)."""
+    parser = argparse.ArgumentParser(prog="python -m sitl.autopilot", description=__doc__)
+    parser.add_argument("--flavour", choices=["px4", "ardupilot"], default="px4")
+    parser.add_argument("--noise", choices=["good", "rough", "none"], default="good")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--remote-port", type=int, default=14540, help="UDP port that it sends to (udpin there)")
+    parser.add_argument("--operator-port", type=int, default=14550, help="UDP port that it listens on (udpout there)")
+    parser.add_argument("--tcp-port", type=int, default=None, help="TCP port that it serves (tcpout there)")
+    parser.add_argument("--config", help="everything, as AutopilotConfig.to_json writes it")
+    parser.add_argument("--truth", help="name of the truth ring to write to")
+    parser.add_argument("--control", action="store_true", help="take orders from standard input, stop at its end")
+    chosen = parser.parse_args(arguments)
+    logging.basicConfig(level=logging.WARNING, stream=sys.stderr)
+    if chosen.config:
+        config = AutopilotConfig.from_json(chosen.config)
+    else:
+        config = replace(
+            AutopilotConfig(),
+            flavour=chosen.flavour,
+            noise=chosen.noise,
+            seed=chosen.seed,
+            remote_port=chosen.remote_port,
+            operator_port=chosen.operator_port,
+            tcp_port=chosen.tcp_port,
+        )
+    truth = TruthRing.attach(chosen.truth) if chosen.truth else None
+    server = AutopilotServer(config, truth)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: server.stop())
+    sys.stdout.write(json.dumps(asdict(server.ports)) + "\n")
+    sys.stdout.flush()
+    if chosen.control:
+        server.control_from(sys.stdin.fileno(), sys.stdout)
+    try:
+        server.run()
+    finally:
+        if truth is not None:
+            truth.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

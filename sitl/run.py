@@ -1,0 +1,190 @@
+"""Fly a scenario and score it: autopilot and camera in processes of their own, `sidestep locate` as any user runs it.
+
+The only ties to the program under test are its command line, its settings file, MAVLink, the video stream, and the
+folder that it writes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mission.camera import Camera, Mounting, write_camera
+from mission.records import GeodeticOrigin
+from sitl.autopilot import AutopilotConfig, Wind, start_autopilot
+from sitl.camera import start_camera
+from sitl.scenario import Scenario
+from sitl.score import Score, score
+from sitl.truth import TruthRing
+
+FLIGHT_TIMEOUT_S = 150.0
+TRUTH_SPAN_S = 300.0
+TRUTH_RATE_HZ = 250.0
+SETTINGS = """\
+[link]
+url = "udpin://127.0.0.1:{port}"
+
+[video]
+url = "{video}"
+
+[camera]
+file = "camera.toml"
+
+[answer]
+folder = "flights"
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One scenario, flown."""
+
+    scenario: str
+    seed: int
+    noise: str
+    error: str
+    """Why there is no answer; empty when there is one."""
+    exit_code: int
+    score: Score | None
+    answer: dict[str, object] | None
+    """The output record of the sightings format."""
+    timing: dict[str, object]
+    flight_folder: str
+    """Relative to the report."""
+
+
+def fly(
+    scenario: Scenario, report: Path, *, extra_settings: str = "", tell: Callable[[str], None] | None = None
+) -> Result:
+    """Fly a scenario, score the answer and write `result.json` into the report folder.
+
+    Args:
+        scenario: what to fly.
+        report: a folder; made when it is not there.
+        extra_settings: TOML that is appended to the mission's settings.
+        tell: when given, gets each line that `sidestep locate` prints.
+
+    Raises:
+        SidestepError: the simulator did not start.
+    """
+    report.mkdir(parents=True, exist_ok=True)
+    with _running(scenario, report, extra_settings) as ring:
+        exit_code, said = _locate(scenario, report, tell)
+        result = _scored(scenario, ring, report, exit_code, said)
+    text = json.dumps(asdict(result), indent=2)
+    (report / "result.json").write_text(text + "\n", encoding="utf-8")
+    return result
+
+
+@contextmanager
+def _running(scenario: Scenario, report: Path, extra_settings: str) -> Iterator[TruthRing]:
+    """Autopilot and camera, and the settings that lead to them."""
+    port, video_port = _free_udp_port(), _free_udp_port()
+    video = f"udp://127.0.0.1:{video_port}"
+    (report / "sidestep.toml").write_text(SETTINGS.format(port=port, video=video) + extra_settings, encoding="utf-8")
+    write_camera(report / "camera.toml", camera_of(scenario))
+    with ExitStack() as stack:
+        ring = TruthRing.create(seconds=TRUTH_SPAN_S, rate_hz=TRUTH_RATE_HZ)
+        stack.callback(ring.unlink)
+        stack.callback(ring.close)
+        autopilot = start_autopilot(_config(scenario, port), ring.name)
+        stack.callback(autopilot.stop)
+        camera = start_camera(scenario, ring.name, video)
+        stack.callback(camera.stop)
+        yield ring
+
+
+def _locate(scenario: Scenario, report: Path, tell: Callable[[str], None] | None) -> tuple[int, list[str]]:
+    """Run `sidestep locate`, stopped by Ctrl-C when it takes too long."""
+    command = [sys.executable, "-m", "gcs_plugin", "locate", "--settings", str(report / "sidestep.toml")]
+    command += ["--take-off", f"{scenario.vehicle.take_off_height_m}"]
+    said: list[str] = []
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+        deadline = time.monotonic() + FLIGHT_TIMEOUT_S
+        assert process.stdout is not None
+        for line in process.stdout:
+            said.append(line.rstrip())
+            if tell is not None:
+                tell(line.rstrip())
+            if time.monotonic() > deadline:
+                process.send_signal(signal.SIGINT)
+        return process.wait(), said
+
+
+def _scored(scenario: Scenario, ring: TruthRing, report: Path, exit_code: int, said: list[str]) -> Result:
+    folders = sorted(path.parent for path in (report / "flights").glob("*/answer.json"))
+    content: dict[str, object] = json.loads((folders[-1] / "answer.json").read_text("utf-8")) if folders else {}
+    answer = content.get("estimate")
+    timing = content.get("timing")
+    found: Score | None = None
+    error = str(content.get("error") or "")
+    if isinstance(answer, dict):
+        header, first = _first_sighting(folders[-1] / "sightings.jsonl")
+        found = score(scenario, ring, answer, np.array(first), header)
+    elif not error:
+        error = said[-1] if said else "sidestep locate said nothing"
+    return Result(
+        scenario=scenario.name,
+        seed=scenario.seed,
+        noise=scenario.autopilot.noise,
+        error=error,
+        exit_code=exit_code,
+        score=found,
+        answer=answer if isinstance(answer, dict) else None,
+        timing=timing if isinstance(timing, dict) else {},
+        flight_folder=str(folders[-1].relative_to(report)) if folders else "",
+    )
+
+
+def _first_sighting(path: Path) -> tuple[GeodeticOrigin, list[float]]:
+    """Origin and first camera position of a sightings file."""
+    with path.open(encoding="utf-8") as lines:
+        header, first = json.loads(next(lines)), json.loads(next(lines))
+    return GeodeticOrigin(**header["origin"]), first["position_enu_m"]
+
+
+def camera_of(scenario: Scenario) -> Camera:
+    """The camera as a good calibration would describe it; its latency is left for the flight to find out."""
+    settings = scenario.camera
+    mounting = Mounting.tilted(math.radians(settings.tilt_down_deg), settings.position_body_m)
+    return Camera(
+        settings.intrinsics,
+        mounting,
+        calibrated=True,
+        readout_s=settings.readout_ms / 1000.0,
+        provenance=f"as the scenario {scenario.name} says",
+    )
+
+
+def _config(scenario: Scenario, port: int) -> AutopilotConfig:
+    autopilot = scenario.autopilot
+    towards = math.radians(autopilot.wind_from_deg + 180.0)
+    mean = (autopilot.wind_m_s * math.sin(towards), autopilot.wind_m_s * math.cos(towards), 0.0)
+    return AutopilotConfig(
+        flavour=autopilot.flavour,
+        noise=autopilot.noise,
+        seed=scenario.seed,
+        home=scenario.home.origin,
+        heading_rad=math.radians(scenario.vehicle.heading_deg),
+        wind=Wind(mean, autopilot.gust_m_s),
+        remote_port=port,
+        operator_port=None,
+    )
+
+
+def _free_udp_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port

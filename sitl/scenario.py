@@ -1,0 +1,297 @@
+"""Scenarios: what is flown, what is seen and in which light, read from a TOML file.
+
+::
+
+    name = "demo"                    # letters, digits, - and _
+    seed = 1                         # scenery, clothes, noise: the same seed gives the same flight
+
+    [home]                           # the take-off point; the local frame (ENU) starts here, on the ground
+    lat_deg = 47.397742
+    lon_deg = 8.545594
+    alt_m = 488.0                    # above mean sea level
+
+    [autopilot]
+    flavour = "px4"                  # px4 | ardupilot
+    noise = "good"                   # good | rough: how well it knows its pose
+    wind_m_s = 1.0                   # mean wind, the way it blows FROM, and the standard deviation of the gusts
+    wind_from_deg = 250.0
+    gust_m_s = 0.3
+
+    [vehicle]
+    heading_deg = 20.0               # at the start, clockwise from true north
+    take_off_height_m = 1.6
+
+    [camera]
+    width_px = 640
+    height_px = 480
+    horizontal_fov_deg = 63.56       # either this ...
+    # fx = 516.5                     # ... or these four, pixels; (0, 0) is the outer corner of the top left pixel
+    # fy = 516.5
+    # cx = 320.0
+    # cy = 240.0
+    distortion = { k1 = -0.05, k2 = 0.01, p1 = 0.0, p2 = 0.0, k3 = 0.0 }   # OpenCV's
+    tilt_down_deg = 5.0              # from the body's forward axis
+    position_body_m = [0.10, 0.0, 0.03]   # of the lens: forward, right, down of the centre of gravity
+    fps = 20.0
+    exposure_ms = 8.0
+    readout_ms = 16.0                # from the first to the last row; 0 is a global shutter
+    noise_grey = 2.5                 # standard deviation of the sensor's noise, grey levels of 255
+    exposure_wander = 0.06           # slow drift of the automatic exposure, relative
+    bitrate_kbit_s = 4000
+    extra_latency_ms = 80.0          # added to what encoding really takes
+
+    [light]
+    brightness = 1.0                 # 0.2 (dusk) to 1.5
+    sun_azimuth_deg = 220.0          # where the sun stands, clockwise from north
+    sun_elevation_deg = 40.0
+
+    [[people]]
+    distance_m = 5.5                 # from the drone's start, over the ground
+    bearing_deg = 24.0               # from the drone's start, clockwise from true north
+    speed_m_s = 0.6                  # 0: stands (and sways a little)
+    walk_from_line_of_sight_deg = 135.0   # 0 = away from the drone, 90 = to the right as it sees it, 180 = towards it
+    # walk_heading_deg = 90.0        # instead: clockwise from true north. People who stand face this way
+    at = "start"                     # walks from the first frame on
+    # when = "drone-moves"           # instead: from when the drone flies sideways (mark 0 of the truth)
+    stop_after_s = 30.0              # optional, after the walk began
+    turns = [{ after_s = 4.0, by_deg = -90.0 }]   # optional, clockwise, after the walk began
+    height_m = 1.75                  # 1.5 to 1.95
+    clothes = { shirt = "#b02a30", trousers = "#27324f", hair = "#2b211a", skin = "#c08a66" }   # any may be left out
+
+    [[obstacles]]
+    kind = "wall"                    # wall | hedge | tree
+    distance_m = 4.0                 # of its middle, from the drone's start
+    bearing_deg = 30.0
+    width_m = 1.5                    # a tree's is that of its trunk
+    height_m = 2.2
+    turn_deg = 0.0                   # 0 stands square to the line of sight
+
+    scenery = true                   # houses, trees and street furniture around (at the top of the file)
+
+Everything but `name` and the people's `distance_m` and `bearing_deg` has a default.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from mission.errors import SettingsError
+from mission.records import CameraIntrinsics, GeodeticOrigin
+
+Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
+Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+
+
+class _Table(BaseModel):
+    """A table of the file: unknown keys are mistakes, values do not change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Home(_Table):
+    """The take-off point."""
+
+    lat_deg: float = Field(default=47.397742, ge=-89.0, le=89.0)
+    lon_deg: float = Field(default=8.545594, ge=-180.0, le=180.0)
+    alt_m: float = Field(default=488.0, ge=-500.0, le=9000.0)
+    """Above mean sea level."""
+
+    @property
+    def origin(self) -> GeodeticOrigin:
+        """The origin of the local frame."""
+        return GeodeticOrigin(self.lat_deg, self.lon_deg, self.alt_m, "amsl")
+
+
+class Autopilot(_Table):
+    """Which autopilot flies, how well it knows where it is, and the wind."""
+
+    flavour: Literal["px4", "ardupilot"] = "px4"
+    noise: Literal["good", "rough"] = "good"
+    wind_m_s: float = Field(default=0.0, ge=0.0, le=15.0)
+    wind_from_deg: Degrees = 270.0
+    gust_m_s: float = Field(default=0.0, ge=0.0, le=5.0)
+
+
+class Vehicle(_Table):
+    """How the flight starts."""
+
+    heading_deg: Degrees = 0.0
+    take_off_height_m: float = Field(default=1.6, ge=0.8, le=60.0)
+
+
+class Distortion(_Table):
+    """OpenCV's lens distortion."""
+
+    k1: float = Field(default=0.0, ge=-0.6, le=0.6)
+    k2: float = Field(default=0.0, ge=-0.6, le=0.6)
+    p1: float = Field(default=0.0, ge=-0.05, le=0.05)
+    p2: float = Field(default=0.0, ge=-0.05, le=0.05)
+    k3: float = Field(default=0.0, ge=-0.6, le=0.6)
+
+
+class CameraSettings(_Table):
+    """The camera and the way its pictures travel."""
+
+    width_px: int = Field(default=640, ge=160, le=1920, multiple_of=2)
+    height_px: int = Field(default=480, ge=120, le=1080, multiple_of=2)
+    horizontal_fov_deg: float | None = Field(default=None, ge=20.0, le=110.0)
+    fx: float | None = Field(default=None, gt=50.0, le=5000.0)
+    fy: float | None = Field(default=None, gt=50.0, le=5000.0)
+    cx: float | None = Field(default=None, ge=0.0, le=1920.0)
+    cy: float | None = Field(default=None, ge=0.0, le=1080.0)
+    distortion: Distortion = Distortion()
+    tilt_down_deg: float = Field(default=0.0, ge=-30.0, le=90.0)
+    position_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    fps: float = Field(default=20.0, ge=1.0, le=60.0)
+    exposure_ms: float = Field(default=6.0, ge=0.0, le=40.0)
+    readout_ms: float = Field(default=0.0, ge=0.0, le=60.0)
+    noise_grey: float = Field(default=2.5, ge=0.0, le=30.0)
+    exposure_wander: float = Field(default=0.05, ge=0.0, le=0.4)
+    bitrate_kbit_s: int = Field(default=4000, ge=100, le=50000)
+    extra_latency_ms: float = Field(default=0.0, ge=0.0, le=2000.0)
+
+    @model_validator(mode="after")
+    def _one_focal_length(self) -> Self:
+        given = [name for name in ("fx", "fy", "cx", "cy") if getattr(self, name) is not None]
+        if given and len(given) < 4:
+            raise ValueError(f"give all of fx, fy, cx and cy (only {', '.join(given)} found)")
+        if given and self.horizontal_fov_deg is not None:
+            raise ValueError("give either horizontal_fov_deg or fx, fy, cx and cy, not both")
+        return self
+
+    @property
+    def intrinsics(self) -> CameraIntrinsics:
+        """Pinhole and distortion, pixels from the outer corner of the top left pixel."""
+        d = self.distortion
+        focal = self.width_px / 2.0 / math.tan(math.radians(self.horizontal_fov_deg or 63.56) / 2.0)
+        return CameraIntrinsics(
+            width_px=self.width_px,
+            height_px=self.height_px,
+            fx=focal if self.fx is None else self.fx,
+            fy=focal if self.fy is None else self.fy,
+            cx=self.width_px / 2.0 if self.cx is None else self.cx,
+            cy=self.height_px / 2.0 if self.cy is None else self.cy,
+            distortion=(d.k1, d.k2, d.p1, d.p2, d.k3),
+        )
+
+
+class Light(_Table):
+    """How bright it is and where the sun stands."""
+
+    brightness: float = Field(default=1.0, ge=0.2, le=1.5)
+    sun_azimuth_deg: Degrees = 220.0
+    sun_elevation_deg: float = Field(default=40.0, ge=5.0, le=90.0)
+
+
+class Clothes(_Table):
+    """Colours (#rrggbb); what is left out comes from the seed."""
+
+    shirt: Colour | None = None
+    trousers: Colour | None = None
+    hair: Colour | None = None
+    skin: Colour | None = None
+
+
+class Turn(_Table):
+    """A change of direction, clockwise."""
+
+    after_s: float = Field(ge=0.0, le=600.0)
+    by_deg: Degrees
+
+
+class Person(_Table):
+    """Somebody who stands or walks."""
+
+    distance_m: float = Field(gt=0.5, le=100.0)
+    bearing_deg: Degrees
+    speed_m_s: float = Field(default=0.0, ge=0.0, le=2.5)
+    walk_from_line_of_sight_deg: Degrees | None = None
+    walk_heading_deg: Degrees | None = None
+    at: Literal["start"] | None = None
+    when: Literal["drone-moves"] | None = None
+    stop_after_s: float | None = Field(default=None, ge=0.0, le=600.0)
+    turns: tuple[Turn, ...] = ()
+    height_m: float = Field(default=1.75, ge=1.5, le=1.95)
+    clothes: Clothes = Clothes()
+
+    @model_validator(mode="after")
+    def _one_direction_and_one_start(self) -> Self:
+        if self.walk_from_line_of_sight_deg is not None and self.walk_heading_deg is not None:
+            raise ValueError("give either walk_from_line_of_sight_deg or walk_heading_deg, not both")
+        if self.at is not None and self.when is not None:
+            raise ValueError('give either at = "start" or when = "drone-moves", not both')
+        return self
+
+    @property
+    def heading_rad(self) -> float:
+        """The way the person walks or faces, clockwise from true north; by default towards the drone's start."""
+        if self.walk_heading_deg is not None:
+            return math.radians(self.walk_heading_deg)
+        off = 180.0 if self.walk_from_line_of_sight_deg is None else self.walk_from_line_of_sight_deg
+        return math.radians(self.bearing_deg + off)
+
+    @property
+    def waits_for_drone(self) -> bool:
+        """Whether the walk begins when the drone flies sideways."""
+        return self.when == "drone-moves"
+
+
+class Obstacle(_Table):
+    """Something to pass behind."""
+
+    kind: Literal["wall", "hedge", "tree"]
+    distance_m: float = Field(gt=0.5, le=100.0)
+    bearing_deg: Degrees
+    width_m: float = Field(default=1.5, gt=0.05, le=30.0)
+    height_m: float = Field(default=2.2, gt=0.1, le=15.0)
+    turn_deg: Degrees = 0.0
+
+
+class Scenario(_Table):
+    """A whole scenario."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,60}$")
+    seed: int = Field(default=1, ge=0, le=2**31)
+    scenery: bool = True
+    home: Home = Home()
+    autopilot: Autopilot = Autopilot()
+    vehicle: Vehicle = Vehicle()
+    camera: CameraSettings = CameraSettings()
+    light: Light = Light()
+    people: tuple[Person, ...] = Field(default=(), max_length=8)
+    obstacles: tuple[Obstacle, ...] = Field(default=(), max_length=20)
+
+
+def parse_scenario(text: str, source: str = "scenario") -> Scenario:
+    """Read a scenario from the text of a TOML file.
+
+    Raises:
+        SettingsError: it is not TOML, a key is unknown or missing, or a value is out of its range; all faults are named.
+    """
+    try:
+        return Scenario.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"{source} is not a TOML file: {error}", "correct the line named") from error
+    except ValidationError as error:
+        faults = [
+            f"{'.'.join(str(part) for part in fault['loc']) or 'file'}: {fault['msg']}" for fault in error.errors()
+        ]
+        raise SettingsError(f"{source}: {'; '.join(faults)}", "see the schema in sitl/scenario.py") from error
+
+
+def read_scenario(path: Path) -> Scenario:
+    """Read a scenario's file.
+
+    Raises:
+        SettingsError: the file cannot be read, or does not follow the schema.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingsError(f"cannot read the scenario {path}: {error}", "name an existing TOML file") from error
+    return parse_scenario(text, path.name)

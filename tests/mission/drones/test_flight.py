@@ -1,0 +1,323 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from mission.drones.drone import Bounds, Knot, OrderState, Path
+from tests.mission.drones.fake_vehicle import FakeVehicle
+
+OUT_AND_BACK = Path(
+    (
+        Knot(0.0, (0, 0, 0), (0, 0, 0)),
+        Knot(2.0, (1.5, 0, 0), (1.0, 0, 0)),
+        Knot(4.0, (3.0, 0, 0), (0, 0, 0)),
+        Knot(8.0, (0, 0, 0), (0, 0, 0)),
+    )
+)
+
+
+@pytest.fixture(params=["px4", "ardupilot"])
+def vehicle(request: pytest.FixtureRequest) -> FakeVehicle:
+    return FakeVehicle(request.param).airborne()
+
+
+def _flying(vehicle: FakeVehicle, bounds: Bounds | None = None) -> FakeVehicle:
+    vehicle.begin(bounds)
+    order = vehicle.order("hover")
+    vehicle.run(1.5)
+    assert vehicle.state_of(order) is OrderState.DONE
+    return vehicle
+
+
+def test_take_off_arms_and_climbs_without_setpoints() -> None:
+    for autopilot, mode in (("px4", None), ("ardupilot", "mode offboard")):
+        vehicle = FakeVehicle(autopilot)  # type: ignore[arg-type]
+        vehicle.run(0.2)
+        vehicle.begin()
+        order = vehicle.order("take-off", height_m=3.0)
+        vehicle.run(1.0)
+        assert vehicle.state_of(order) is OrderState.DONE
+        assert vehicle.log == [*([mode] if mode else []), "arm", "take-off 3.0"]
+        assert not vehicle.setpoints
+
+
+def test_take_off_that_the_autopilot_refuses_says_why() -> None:
+    vehicle = FakeVehicle("px4")
+    vehicle.run(0.2)
+    vehicle.obeys = False
+    vehicle.begin()
+    order = vehicle.order("take-off", height_m=3.0)
+    vehicle.run(10.0)
+    assert vehicle.state_of(order) is OrderState.REFUSED
+    assert "does not arm: COMMAND_DENIED" in vehicle.reason_of(order)
+
+
+def test_nothing_flies_without_begin(vehicle: FakeVehicle) -> None:
+    for order in (vehicle.order("hover"), vehicle.order("path", path=OUT_AND_BACK), vehicle.order("land")):
+        assert vehicle.state_of(order) is OrderState.REFUSED
+        assert "begin" in vehicle.reason_of(order)
+    vehicle.run(1.0)
+    assert vehicle.log == []
+
+
+def test_out_and_back_is_flown_as_asked_from_where_it_hovers(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    order = vehicle.order("path", path=OUT_AND_BACK)
+    began = vehicle.now_s
+    vehicle.run(9.0)
+    assert vehicle.state_of(order) is OrderState.DONE
+    at = {round(t - began, 2): s for t, s, _ in vehicle.setpoints}
+    assert at[2.0].position_ned_m == pytest.approx([0.0, 1.5, -3.0])
+    assert at[2.0].velocity_ned_m_s == pytest.approx([0.0, 1.0, 0.0])
+    assert at[8.5].position_ned_m == pytest.approx([0.0, 0.0, -3.0])
+    steps = np.diff([t for t, _, _ in vehicle.setpoints])
+    assert steps.max() <= 0.05, "20 Hz or more"
+
+
+def test_heading_is_absolute_and_moves_to_the_latest_aim_no_faster_than_allowed(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    order = vehicle.order("turn", heading_rad=math.radians(-170))
+    vehicle.run(8.0)
+    assert vehicle.state_of(order) is OrderState.DONE
+    assert vehicle.yaw == pytest.approx(math.radians(-170), abs=1e-3)
+    vehicle.order("path", path=OUT_AND_BACK)
+    vehicle.flight.aim(math.radians(170))
+    vehicle.run(2.0)
+    yaws = np.unwrap([yaw for _, _, yaw in vehicle.setpoints])
+    assert np.abs(np.diff(yaws)).max() <= 0.7 * 0.02 + 1e-9
+    assert vehicle.yaw == pytest.approx(math.radians(170), abs=1e-3)
+
+
+@pytest.mark.parametrize("mode", ["land", "return"])
+def test_a_mode_that_we_did_not_order_ends_everything_and_is_never_undone(vehicle: FakeVehicle, mode: str) -> None:
+    _flying(vehicle)
+    order = vehicle.order("path", path=OUT_AND_BACK)
+    vehicle.run(1.0)
+    vehicle.log.clear()
+    vehicle.switch(mode)
+    vehicle.run(0.06)
+    assert vehicle.state_of(order) is OrderState.ENDED
+    assert len(vehicle.events("pilot")) == 1
+    assert vehicle.log == ["release"], "silent, and no mode commanded"
+    sent = len(vehicle.setpoints)
+    again = vehicle.order("hover")
+    vehicle.run(3.0)
+    assert vehicle.state_of(again) is OrderState.REFUSED
+    assert len(vehicle.setpoints) == sent
+    assert vehicle.log == ["release"]
+    vehicle.order("hold")
+    vehicle.run(1.0)
+    assert vehicle.log == ["release"], "hold does not take it from the pilot either"
+
+
+def test_a_mode_change_between_begin_and_the_first_order_takes_the_permission_away(vehicle: FakeVehicle) -> None:
+    vehicle.begin()
+    vehicle.run(0.1)
+    vehicle.switch("land")
+    vehicle.run(0.1)
+    vehicle.switch("hold")
+    vehicle.run(0.1)
+    assert vehicle.state_of(vehicle.order("hover")) is OrderState.REFUSED
+
+
+def test_after_a_takeover_a_new_begin_flies_again(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    vehicle.switch("hold")
+    vehicle.run(0.1)
+    _flying(vehicle)
+
+
+def test_an_operators_fly_here_in_guided_ends_the_flight() -> None:
+    vehicle = _flying(FakeVehicle("ardupilot").airborne())
+    vehicle.run(1.0)
+    target = mavlink.MAVLink_position_target_global_int_message(
+        0, 5, 0, round((37.0 + 20.0 / 111_194.9) * 1e7), round(127.0 * 1e7), 33.0, 0, 0, 0, 0, 0, 0, 0, 0
+    )
+    vehicle.hear(target)
+    vehicle.run(0.04)
+    assert "sent to another place" in vehicle.events("pilot")[0].text
+    assert vehicle.log[-1] == "release"
+
+
+def test_another_controllers_setpoint_ends_the_flight_and_prevents_the_next(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    vehicle.flight.rival("another controller (255/190) sent SET_POSITION_TARGET_LOCAL_NED", vehicle.now_s)
+    assert vehicle.log[-1] == "release"
+    vehicle.switch("hold")
+    vehicle.run(0.5)
+    vehicle.begin()
+    assert "another controller" in vehicle.reason_of(vehicle.order("hover"))
+
+
+def test_a_silent_program_stops_the_vehicle_within_deadman_and_tick(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    order = vehicle.order("path", path=OUT_AND_BACK)
+    vehicle.run(1.0)
+    silent_since = vehicle.now_s
+    vehicle.program_alive = False
+    vehicle.run(0.7)
+    assert vehicle.events("deadman")[0].t_s - silent_since == pytest.approx(0.5, abs=0.05)
+    assert "stop" in vehicle.log
+    assert not vehicle.streaming
+    assert vehicle.state_of(order) is OrderState.ENDED
+    vehicle.program_alive = True
+    vehicle.run(0.5)
+    assert vehicle.state_of(vehicle.order("hover")) is OrderState.REFUSED, "control was given back"
+
+
+def test_a_silent_program_is_nothing_to_a_vehicle_that_we_do_not_fly(vehicle: FakeVehicle) -> None:
+    vehicle.begin()
+    vehicle.program_alive = False
+    vehicle.run(3.0)
+    assert vehicle.log == []
+
+
+def test_a_lost_position_stops_the_setpoints(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    vehicle.silent = True
+    vehicle.run(0.7)
+    assert vehicle.events("link-lost")
+    assert not vehicle.streaming
+
+
+def test_a_low_battery_ends_the_flight(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    vehicle.battery = 19
+    vehicle.run(0.1)
+    assert "battery is at 19 %" in vehicle.events("failsafe")[0].text
+    assert "stop" in vehicle.log
+
+
+def test_the_time_allowed_ends_the_flight(vehicle: FakeVehicle) -> None:
+    _flying(vehicle, Bounds(max_duration_s=4.0))
+    vehicle.run(3.0)
+    assert "time allowed (4 s)" in vehicle.events("failsafe")[0].text
+    assert "stop" in vehicle.log
+
+
+def test_a_vehicle_blown_out_of_its_bounds_is_stopped(vehicle: FakeVehicle) -> None:
+    _flying(vehicle, Bounds(radius_m=5.0))
+    vehicle.obeys = False
+    vehicle.place = np.array([6.7, 0.0, -3.0])
+    vehicle.run(0.1)
+    assert "left its bounds" in vehicle.events("failsafe")[0].text
+
+
+def test_hold_is_asked_again_until_the_autopilot_reports_it(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    vehicle.obeys = False
+    order = vehicle.order("hold")
+    vehicle.run(2.0)
+    assert vehicle.state_of(order) is OrderState.FLYING
+    assert vehicle.log.count("mode hold") == 2
+    vehicle.obeys = True
+    vehicle.run(1.0)
+    assert vehicle.state_of(order) is OrderState.DONE
+    assert not vehicle.streaming
+
+
+def test_a_path_that_leaves_the_bounds_is_refused_whole_and_the_hover_goes_on(vehicle: FakeVehicle) -> None:
+    _flying(vehicle, Bounds(radius_m=2.9))
+    order = vehicle.order("path", path=OUT_AND_BACK)
+    assert vehicle.state_of(order) is OrderState.REFUSED
+    assert "more than 2.9 m" in vehicle.reason_of(order)
+    vehicle.run(3.0)
+    assert vehicle.place == pytest.approx([0, 0, -3])
+    assert vehicle.flight.phase == "flying"
+
+
+def test_an_autopilot_that_does_not_enter_the_mode_is_put_into_hold_again() -> None:
+    vehicle = FakeVehicle("px4").airborne()
+    vehicle.begin()
+    vehicle.obeys = False
+    order = vehicle.order("hover")
+    vehicle.run(3.2)
+    assert vehicle.state_of(order) is OrderState.REFUSED
+    assert "does not let us fly it: COMMAND_DENIED" in vehicle.reason_of(order)
+    assert not vehicle.streaming
+
+
+def test_a_later_order_replaces_the_earlier_one(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    path = vehicle.order("path", path=OUT_AND_BACK)
+    vehicle.run(2.0)
+    hover = vehicle.order("hover")
+    assert vehicle.state_of(path) is OrderState.ENDED
+    vehicle.run(2.0)
+    assert vehicle.state_of(hover) is OrderState.DONE
+    assert vehicle.place[1] == pytest.approx(2.0, abs=0.05), "stopped ahead, where it can come to rest"
+
+
+def test_land_after_hold_needs_no_new_begin(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    vehicle.order("hold")
+    vehicle.run(0.2)
+    order = vehicle.order("land")
+    vehicle.run(0.2)
+    assert vehicle.log[-1] == "mode land"
+    vehicle.landed, vehicle.armed = mavlink.MAV_LANDED_STATE_ON_GROUND, False
+    vehicle.run(0.1)
+    assert vehicle.state_of(order) is OrderState.DONE
+
+
+def _disarmed(v: FakeVehicle) -> None:
+    v.armed = False
+
+
+def _battery_low(v: FakeVehicle) -> None:
+    v.battery = 15
+
+
+def _no_fix(v: FakeVehicle) -> None:
+    v.silent, v.state.gps_fix = True, 2
+
+
+def _no_heading(v: FakeVehicle) -> None:
+    v.silent, v.state.heading_known = True, False
+
+
+def _too_high(v: FakeVehicle) -> None:
+    v.place = np.array([0.0, 0.0, -40.0])
+
+
+def _returning(v: FakeVehicle) -> None:
+    v.switch("return")
+
+
+def _aeroplane(v: FakeVehicle) -> None:
+    v.silent, v.state.vehicle_type = True, mavlink.MAV_TYPE_FIXED_WING
+
+
+REFUSALS: dict[str, Callable[[FakeVehicle], None]] = {
+    "not armed and airborne": _disarmed,
+    "battery is at 15 %": _battery_low,
+    "position is not healthy": _no_fix,
+    "heading is not healthy": _no_heading,
+    "outside the allowed room": _too_high,
+    "vehicle is in": _returning,
+    "not a multicopter": _aeroplane,
+}
+
+
+@pytest.mark.parametrize("reason", REFUSALS)
+def test_the_flight_is_refused_with_its_reason(vehicle: FakeVehicle, reason: str) -> None:
+    REFUSALS[reason](vehicle)
+    vehicle.run(0.1)
+    vehicle.begin()
+    order = vehicle.order("hover")
+    assert vehicle.state_of(order) is OrderState.REFUSED
+    assert reason in vehicle.reason_of(order)
+    assert reason in vehicle.events("refused")[0].text
+    assert vehicle.log == []
+
+
+def test_px4_in_offboard_by_somebody_else_is_refused() -> None:
+    vehicle = FakeVehicle("px4").airborne()
+    vehicle.switch("offboard")
+    vehicle.run(0.1)
+    vehicle.begin()
+    assert "another controller" in vehicle.reason_of(vehicle.order("hover"))

@@ -1,0 +1,184 @@
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from mission.errors import DetectionError, FlightEnded, FlightRefused, LinkError, SidestepError, VideoError
+from mission.locate import Locate
+from mission.located import Located, Stage, TargetChoice
+from mission.records import FlightSightings, Frame
+from mission.settings import MissionSettings
+from mission.track import Track
+from tests.mission.fakes import CAMERA, FakeDrone, FakeVideo, Sight, Walker
+
+
+@dataclass
+class Notes:
+    """Remembers what the procedure reported; calls `at` when a stage begins."""
+
+    stages: list[Stage] = field(default_factory=list)
+    flights: list[FlightSightings] = field(default_factory=list)
+    answers: list[Located] = field(default_factory=list)
+    frames: int = 0
+
+    def stage(self, stage: Stage, text: str) -> None:
+        if not self.stages or self.stages[-1] is not stage:
+            self.stages.append(stage)
+
+    def frame(self, frame: Frame, track: Track | None) -> None:
+        self.frames += 1
+
+    def sightings(self, flight: FlightSightings) -> None:
+        self.flights.append(flight)
+
+    def located(self, located: Located) -> None:
+        self.answers.append(located)
+
+
+class Scene:
+    """A drone at 1.5 m, a person somewhere ahead, and one order to locate them."""
+
+    def __init__(self, forward: float = 6.0, right: float = 1.0, velocity: tuple[float, float] = (0.0, 0.0)) -> None:
+        self.drone = FakeDrone()
+        self.walker = Walker(np.array([right, forward, 0.9]), np.array([*velocity, 0.0]))
+        self.video = FakeVideo(self.drone)
+        self.sight = Sight(self.drone, self.walker)
+        self.notes = Notes()
+        self.abort_in: Stage | None = None
+        self.settings = MissionSettings.model_validate({"video": {"check_offset": False}})
+
+    def run(self) -> Located:
+        locate = Locate(
+            self.drone,
+            self.video,
+            CAMERA,
+            self.sight,
+            self.sight,
+            self.settings,
+            self.notes,
+            aborted=lambda: self.abort_in is not None and self.abort_in in self.notes.stages,
+            clock=lambda: self.drone.t_s,
+        )
+        return locate.run(TargetChoice(), "test")
+
+
+@pytest.mark.parametrize("velocity", [(0.0, 0.0), (0.6, 0.0), (0.0, 0.6), (0.42, 0.42), (-0.42, 0.42)])
+def test_a_person_is_located_in_any_direction_of_walk(velocity: tuple[float, float]) -> None:
+    scene = Scene(velocity=velocity)
+    located = scene.run()
+    truth = scene.walker.at(located.estimate.t_s)
+    assert np.linalg.norm(located.estimate.position_enu_m[:2] - truth[:2]) < 0.02
+    np.testing.assert_allclose(located.estimate.velocity_enu_m_s[:2], velocity, atol=0.03)
+
+
+def test_the_stages_follow_the_papers_figure_2_and_end_in_hold() -> None:
+    scene = Scene()
+    scene.run()
+    assert scene.notes.stages == list(Stage)
+    assert scene.drone.calls == ["begin", "hover", "path", "hold"]
+
+
+def test_the_target_is_kept_in_the_middle_while_flying_past() -> None:
+    scene = Scene(forward=3.0)
+    located = scene.run()
+    off_axis = [abs(s.pixel[0] - 320.0) for s in located.flight.sightings]
+    assert max(off_axis) < 80.0
+
+
+def test_the_sightings_are_reported_before_the_answer_and_are_its_own() -> None:
+    scene = Scene()
+    located = scene.run()
+    assert scene.notes.flights == [located.flight]
+    assert scene.notes.answers == [located]
+
+
+def test_the_closed_forms_stand_beside_the_answer_for_comparison() -> None:
+    assert {estimate.method for estimate in Scene().run().comparisons} >= {"stereo", "four-image"}
+
+
+@pytest.mark.parametrize("stage", [Stage.HOVER, Stage.DETECT, Stage.CENTRE, Stage.SIDESTEP])
+def test_an_abort_in_any_stage_ends_in_hold_without_an_answer(stage: Stage) -> None:
+    scene = Scene()
+    scene.abort_in = stage
+    with pytest.raises(FlightEnded, match="abort"):
+        scene.run()
+    assert scene.drone.calls[-1] == "hold"
+    assert not scene.notes.answers
+
+
+def test_an_abort_in_the_pattern_keeps_the_sightings() -> None:
+    scene = Scene()
+    scene.abort_in = Stage.SIDESTEP
+    with pytest.raises(FlightEnded):
+        scene.run()
+    assert len(scene.notes.flights) == 1
+
+
+@pytest.mark.parametrize("kind", ["pilot", "failsafe", "deadman", "pilot-process-lost"])
+def test_whoever_takes_the_aircraft_keeps_it(kind: str) -> None:
+    scene = Scene()
+    fly = scene.drone.fly
+
+    def seized(path):  # type: ignore[no-untyped-def]
+        scene.drone.seize(kind, "somebody took the aircraft")
+        return fly(path)
+
+    scene.drone.fly = seized  # type: ignore[method-assign]
+    with pytest.raises(FlightEnded, match="somebody took the aircraft"):
+        scene.run()
+    assert scene.drone.calls[-1] == "path", "nothing may be ordered after the pilot took over"
+
+
+def test_a_refused_order_flies_nothing_and_gives_the_reason() -> None:
+    scene = Scene()
+    scene.drone.refuse = "battery at 12 %"
+    with pytest.raises(FlightRefused, match="battery at 12 %"):
+        scene.run()
+    assert "path" not in scene.drone.calls
+
+
+def test_nobody_in_view_is_said_and_nothing_is_flown() -> None:
+    scene = Scene()
+    scene.sight.absent = True
+    with pytest.raises(DetectionError, match="no person"):
+        scene.run()
+    assert "path" not in scene.drone.calls
+    assert scene.drone.calls[-1] == "hold"
+
+
+def test_video_that_stops_in_the_pattern_holds_and_keeps_the_sightings() -> None:
+    scene = Scene()
+    scene.video.stop_at_s = scene.drone.t_s + 4.0
+    with pytest.raises(VideoError, match="no picture"):
+        scene.run()
+    assert scene.drone.calls[-1] == "hold"
+    assert len(scene.notes.flights) == 1
+
+
+def test_a_link_that_goes_silent_is_an_error_of_the_link() -> None:
+    scene = Scene()
+    scene.drone.seize("link-lost", "no heartbeat for 5 s")
+    with pytest.raises(LinkError, match="no heartbeat"):
+        scene.run()
+
+
+def test_a_person_who_leaves_early_gives_a_reason_instead_of_a_position() -> None:
+    scene = Scene()
+    scene.sight.gone_from_s = scene.drone.t_s + 1.6
+    with pytest.raises(SidestepError):
+        scene.run()
+    assert not scene.notes.answers
+    assert scene.drone.calls[-1] == "hold"
+
+
+def test_without_a_global_position_the_answer_is_local() -> None:
+    scene = Scene()
+    scene.drone.origin = None
+    assert not scene.run().geodetic
+
+
+def test_a_target_behind_the_shoulder_is_turned_to() -> None:
+    scene = Scene(forward=5.0, right=2.7)
+    scene.run()
+    assert abs(math.degrees(scene.drone.heading) - 28.4) < 3.0
