@@ -15,6 +15,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from gcs_plugin.contact_sheet import contact_sheet
+from gcs_plugin.durable import write_whole
 from gcs_plugin.flight_folder import FlightFolder
 from gcs_plugin.geotags import Geotag, GeotagLog, Provenance, make_geotag
 from gcs_plugin.mission_items import append_item, standoff_waypoint
@@ -120,31 +121,30 @@ class Answer:
         """After the aircraft holds: the waypoint, the pictures and `answer.json`."""
         if self._link is not None and self.geotag is not None and self._settings.waypoint:
             self._attempt("waypoint", self._append_waypoint)
-        self._attempt("answer.json", lambda: self._write_answer(located))
-        self._attempt("plan view", lambda: self._folder.write("plan.png", plan_view(located)))
-        self._attempt(
-            "contact sheet", lambda: self._folder.write("contact-sheet.jpg", contact_sheet(located.key_frames))
-        )
+        if self.geotag is not None:
+            tag = self.geotag
+            self._attempt("answer.json", lambda: self._folder.write_answer(tag))
+        self._attempt("estimate.json", lambda: self._write_estimate(located))
+        self._attempt("plan view", lambda: self._folder.write_plan_view(_plan_view(located)))
+        self._attempt("contact sheet", lambda: self._folder.write_contact_sheet(_contact_sheet(located)))
 
     def failed(self, error: SidestepError) -> None:
         """The flight gave no answer: keep why, and tell the ground station."""
         self._event("failed", str(error))
-        content = json.dumps({"error": str(error), "timing": self._timing}).encode()
-        self._attempt("answer.json", lambda: self._folder.write("answer.json", content))
+        self._attempt("answer.json", lambda: self._folder.write_no_answer(error))
         if self._texts is not None:
             self._texts.send(f"sidestep: no answer: {error.cause}")
 
-    def _write_answer(self, located: Located) -> None:
+    def _write_estimate(self, located: Located) -> None:
         self._timing["frames_used_hz"] = self._progress.frame_rate_hz
         self._timing["sightings_hz"] = _rate(located)
         content = {
             "estimate": json.loads(estimate_line(located.estimate, located.flight.origin)),
             "comparisons": [json.loads(estimate_line(other, located.flight.origin)) for other in located.comparisons],
-            "geotag": None if self.geotag is None else self.geotag.number,
             "time_offset_s": None if located.offset is None else located.offset.offset_s,
             "timing": self._timing,
         }
-        self._folder.write("answer.json", json.dumps(content, indent=1).encode())
+        write_whole(self._folder.path / "estimate.json", f"{json.dumps(content, indent=2)}\n".encode())
 
     def _geotag(self, located: Located) -> Geotag:
         estimate = self._sited(located.estimate)
@@ -154,7 +154,7 @@ class Answer:
             located.flight.origin,
             id=located.flight.id,
             time_utc=self._times.utc_of(estimate.t_s),
-            provenance=replace(self._provenance, sightings_file=str(self._folder.path / "sightings.jsonl")),
+            provenance=replace(self._provenance, sightings_file=str(self._folder.sightings_path)),
             drone_enu_m=None if pose is None else pose.position_enu_m,
             geoid_separation_m=self._drone.telemetry().geoid_separation_m,
             picture=located.target_picture or b"",
@@ -219,11 +219,19 @@ class Answer:
     def _event(self, kind: str, text: str) -> None:
         """A line of the flight's log; a full disk is told once and does not stop the flight."""
         try:
-            self._folder.event(kind, text)
+            self._folder.event(self._times.utc(), kind, text)
         except AnswerError as error:
             if not self._log_failed:
                 self._progress.say(str(error))
             self._log_failed = True
+
+
+def _plan_view(located: Located) -> bytes:
+    return plan_view(located.flight, located.estimate, drone_track=located.drone_track, geodetic=located.geodetic)
+
+
+def _contact_sheet(located: Located) -> bytes:
+    return contact_sheet(located.key_frames, started_s=located.key_frames[0].t_s)
 
 
 def _rate(located: Located) -> float:

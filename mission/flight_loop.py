@@ -8,11 +8,15 @@ process from stopping the aircraft.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
+from typing import TypeVar
 
 from mission.drones.drone import Drone, Order, OrderState
 from mission.errors import FlightEnded, FlightRefused, LinkError, VideoError
 from mission.records import Frame
 from mission.video import VideoSource
+
+Result = TypeVar("Result")
 
 VIDEO_LOST_S = 1.0
 """No new picture for this long: the video has stopped."""
@@ -39,6 +43,7 @@ class FlightLoop:
         self._clock = clock
         self._order: Order | None = None
         self._last_index = -1
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sidestep-work")
         self.last_frame_s = clock()
         """Program time at which the newest frame was taken up."""
         self.ours = False
@@ -84,6 +89,18 @@ class FlightLoop:
                 raise VideoError(
                     f"no picture for {VIDEO_LOST_S:.0f} s", "Check the camera and the video link; the aircraft holds."
                 )
+
+    def meanwhile(self, work: Callable[[], Result]) -> Result:
+        """Do something long in another thread while the flight is watched here.
+
+        Raises:
+            SidestepError: what `frames` raises, at once, although the work goes on; else what the work raises.
+        """
+        future = self._worker.submit(work)
+        while not future.done():
+            self._check()
+            wait((future,), timeout=FRAME_WAIT_S)
+        return future.result()
 
     def give_back(self, timeout_s: float = 5.0) -> str:
         """Order hold, unless somebody else has the aircraft; wait until it holds.

@@ -21,7 +21,10 @@ from mission.records import (
     TargetPrior,
 )
 from mission.sighting import camera_position, sighting
-from mission.track import PIXEL_CORRELATION_S, SIZE_CORRELATION_S, Track
+from mission.track import Track
+
+PIXEL_CORRELATION_S=0.3
+SIZE_CORRELATION_S=0.3
 
 KEY_FRAMES = 20
 """Frames kept as pictures for the contact sheet."""

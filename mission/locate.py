@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 from mission.aim import Aim, wrapped
@@ -19,7 +20,6 @@ from mission.detect import Detector, choose
 from mission.drones.drone import Drone
 from mission.errors import DetectionError, EstimateRefused, FlightEnded, LinkError, VideoError
 from mission.estimate import ESTIMATORS
-from mission.estimate.noise_fit import fit_noise
 from mission.flight_loop import FlightLoop
 from mission.flight_record import FlightRecord
 from mission.located import Located, Stage, TargetChoice, Watcher
@@ -31,6 +31,8 @@ from mission.sighting import azimuth_of, rotation_shift, world_from_camera
 from mission.track import Track
 from mission.video import VideoSource
 
+SAME_PERSON = 0.3
+"""Overlap of two looks' boxes that are the same person."""
 CENTRED_RAD = math.radians(3.0)
 CENTRE_TIMEOUT_S = 12.0
 STEADY_S = 0.4
@@ -144,22 +146,21 @@ class Locate:
             pass
 
     def _acquire(self, choice: TargetChoice) -> None:
+        """Look for people until one is seen in two looks running, and start tracking the chosen one."""
         self._watcher.stage(Stage.DETECT, "looking for a person")
         before: list[Detection] = []
         timeout_s = self._settings.detect.timeout_s
         for frame in self._loop.frames(timeout_s):
-            found = self._detector.detect(frame.image)
-            steady = [d for d in found if any(d.box.overlap(other.box) > 0.3 for other in before)]
-            before = found
+            found = self._loop.meanwhile(partial(self._detector.detect, frame.image))
             self._watcher.frame(frame, None)
-            if steady or (choice.box is not None and found):
+            steady = [d for d in found if any(d.box.overlap(other.box) > SAME_PERSON for other in before)]
+            before = found
+            if steady:
                 height, width = frame.image.shape[:2]
-                target = choose(steady or found, (width, height), choice.box, choice.point)
+                target = choose(steady, (width, height), choice.box, choice.point)
                 self._tracker.start(frame, target.box)
-                others = len(steady) - 1
-                self._watcher.stage(
-                    Stage.DETECT, "found a person" + (f" (and {others} more in view)" if others > 0 else "")
-                )
+                others = f" (and {len(steady) - 1} more in view)" if len(steady) > 1 else ""
+                self._watcher.stage(Stage.DETECT, f"found a person{others}")
                 return
         raise DetectionError(
             f"no person found in {timeout_s:.0f} s", "Turn the camera towards the person, or fly nearer (HOG: 11 m)."
@@ -171,38 +172,48 @@ class Locate:
         meter = TimeOffsetMeter(self._camera)
         centred_since_s: float | None = None
         wiggle: _Wiggle | None = None
+        offset: TimeOffset | None = None
+        measuring = self._settings.video.check_offset
         for frame in self._loop.frames(CENTRE_TIMEOUT_S):
             track = self._follow(frame)
             if track.state == "lost":
                 raise DetectionError("the target was lost while turning to it", "Try again, or choose it by a box.")
-            meter.add(frame)
             now = self._clock()
+            if measuring:
+                meter.add(frame)
+            if wiggle is not None and measuring:
+                if not wiggle.over(now):
+                    self._drone.aim(wrapped(wiggle.azimuth(now) - self._camera_azimuth()))
+                    continue
+                offset = self._take_offset(meter)
+                measuring = False
             heading = self._aim.heading(now, self._camera_azimuth())
             if heading is None:
-                continue
-            if wiggle is not None and not wiggle.over(now):
-                self._drone.aim(wrapped(wiggle.azimuth(now) - self._camera_azimuth()))
                 continue
             self._drone.aim(heading)
             off_axis = math.atan((track.pixel[0] - self._camera.intrinsics.cx) / self._camera.intrinsics.fx)
             centred_since_s = None if abs(off_axis) > CENTRED_RAD else centred_since_s or now
             if centred_since_s is None or now - centred_since_s < STEADY_S:
                 continue
-            if not self._settings.video.check_offset:
-                return None
-            offset = meter.measure(self._drone.pose_at)
-            if offset is not None or wiggle is not None:
-                return self._take_offset(offset, meter.reason)
+            if not measuring:
+                return offset
+            # The first turn may have been enough to tell.
+            if meter.measure(self._drone.pose_at) is not None:
+                return self._take_offset(meter)
             self._watcher.stage(Stage.CENTRE, "a short yaw wiggle measures the video's time offset")
             wiggle, centred_since_s = _Wiggle(replace(self._aim), now), None
         self._watcher.stage(Stage.CENTRE, "the target is not quite centred; going on")
-        return self._take_offset(meter.measure(self._drone.pose_at), meter.reason)
+        return self._take_offset(meter) if measuring else offset
 
-    def _take_offset(self, offset: TimeOffset | None, reason: str) -> TimeOffset | None:
+    def _take_offset(self, meter: TimeOffsetMeter) -> TimeOffset | None:
+        """Measure the time offset and use it from here on; the bearings so far were of other times, so forget them."""
+        offset = meter.measure(self._drone.pose_at)
         if offset is None:
-            self._watcher.stage(Stage.CENTRE, f"{reason}; the camera's latency is used as it is")
+            self._watcher.stage(Stage.CENTRE, f"{meter.reason}; the camera's latency is used as it is")
             return None
         self._offset_s = offset.offset_s
+        self._aim = Aim()
+        self._pose_before = None
         self._watcher.stage(
             Stage.CENTRE, f"video runs {1e3 * offset.offset_s:.0f} ms behind telemetry (+-{1e3 * offset.sigma_s:.0f})"
         )
@@ -237,16 +248,22 @@ class Locate:
 
     def _estimate(self, record: FlightRecord, offset: TimeOffset | None) -> Located:
         self._watcher.stage(Stage.ESTIMATE, f"estimating from {len(record.seen)} frames")
+        located = self._loop.meanwhile(partial(self._answer, record, offset, self._loop.last_frame_s))
+        self._watcher.stage(Stage.REPORT, "reporting")
+        self._loop.meanwhile(partial(self._watcher.located, located))
+        return located
+
+    def _answer(self, record: FlightRecord, offset: TimeOffset | None, last_frame_s: float) -> Located:
         flight = self._flight(record)
         self._watcher.sightings(flight)
         estimate = ESTIMATORS["batch"].estimate(flight)
         comparisons = []
-        for name in ("stereo", "three-image", "four-image"):
+        for name in (n for n in ("stereo", "three-image", "four-image") if n in ESTIMATORS):
             try:
                 comparisons.append(ESTIMATORS[name].estimate(flight))
             except EstimateRefused:
                 continue
-        located = Located(
+        return Located(
             flight=flight,
             estimate=estimate,
             comparisons=tuple(comparisons),
@@ -255,21 +272,17 @@ class Locate:
             drone_track=record.drone_track(self._drone.pose_at, self._offset_s),
             key_frames=tuple(record.key_frames),
             target_picture=record.target_picture(),
-            last_frame_s=self._loop.last_frame_s,
+            last_frame_s=last_frame_s,
         )
-        self._watcher.stage(Stage.REPORT, "reporting")
-        self._watcher.located(located)
-        return located
 
     def _flight(self, record: FlightRecord) -> FlightSightings:
-        flight = record.sightings(
+        return record.sightings(
             self._drone.origin or LOCAL_ORIGIN,
             self._drone.pose_at,
             self._offset_s,
             self._drone.noise(),
             self._settings.prior.prior(),
         )
-        return fit_noise(flight)
 
     def _follow(self, frame: Frame) -> Track:
         """Track the target into a frame and take its azimuth into the aim."""

@@ -124,7 +124,7 @@ def _locate(scenario: Scenario, report: Path, tell: Callable[[str], None] | None
 
 def _scored(scenario: Scenario, ring: TruthRing, report: Path, exit_code: int, said: list[str]) -> Result:
     folders = sorted(path.parent for path in (report / "flights").glob("*/answer.json"))
-    content: dict[str, object] = json.loads((folders[-1] / "answer.json").read_text("utf-8")) if folders else {}
+    content = {**_json(folders[-1] / "answer.json"), **_json(folders[-1] / "estimate.json")} if folders else {}
     answer = content.get("estimate")
     timing = content.get("timing")
     found: Score | None = None
@@ -145,6 +145,12 @@ def _scored(scenario: Scenario, ring: TruthRing, report: Path, exit_code: int, s
         timing=timing if isinstance(timing, dict) else {},
         flight_folder=str(folders[-1].relative_to(report)) if folders else "",
     )
+
+
+def _json(path: Path) -> dict[str, object]:
+    """A file of the flight; nothing when it is not there."""
+    content = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    return content if isinstance(content, dict) else {}
 
 
 def _first_sighting(path: Path) -> tuple[GeodeticOrigin, list[float]]:

@@ -26,7 +26,6 @@ from sitl.scenario import Scenario, parse_scenario
 
 FPS = 20.0
 _PATTERN_S = 6.0
-_OUT_M = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +38,22 @@ class Case:
     seed: int
     size_px: tuple[int, int] = (640, 480)
     duration_s: float = _PATTERN_S
+    out_m: float = 3.0
+    """How far to the side the drone flies."""
+    aimed: bool = True
+    """Whether the heading is kept on the target."""
     extra: str = ""
     """More of the scenario's TOML: other people, obstacles."""
+
+    @property
+    def bearing_deg(self) -> float:
+        """Of the person from the drone's start."""
+        return float(np.random.default_rng([self.seed, 3]).uniform(-140.0, 140.0))
 
     def scenario(self) -> Scenario:
         """The scenery and the people."""
         rng = np.random.default_rng(self.seed)
-        bearing = rng.uniform(-180.0, 180.0)
+        bearing = rng.uniform(-180.0, 180.0) if not self.extra else self.bearing_deg
         speed = "" if self.walk_deg is None else f"speed_m_s = 0.6\nwalk_from_line_of_sight_deg = {self.walk_deg}\n"
         facing = f"walk_heading_deg = {rng.uniform(-180, 180):.1f}\n" if self.walk_deg is None else ""
         return parse_scenario(
@@ -66,7 +74,7 @@ distance_m = {self.distance_m}
 bearing_deg = {bearing:.2f}
 height_m = {rng.uniform(1.6, 1.9):.2f}
 {speed}{facing}"""
-            + self.extra.replace("BEARING", f"{bearing:.2f}")
+            + self.extra
         )
 
 
@@ -106,11 +114,11 @@ class Flight:
         """Where the camera is and how it is turned."""
         rate = 2.0 * math.pi / _PATTERN_S
         a, b, c = self._phase
-        out = 0.5 * _OUT_M * (1.0 - math.cos(rate * t_s))
+        out = 0.5 * self._case.out_m * (1.0 - math.cos(rate * t_s))
         position = self._left * (out + 0.03 * math.sin(1.3 * t_s + a)) + [0.0, 0.0, 1.6 + 0.04 * math.sin(t_s + b)]
-        acceleration = 0.5 * _OUT_M * rate**2 * math.cos(rate * t_s)
+        acceleration = 0.5 * self._case.out_m * rate**2 * math.cos(rate * t_s)
         roll = -math.atan2(acceleration, 9.81) + math.radians(0.4) * math.sin(2.7 * t_s + c)
-        east, north, _ = self._world.person_centroid(0, t_s, 0.0) - position
+        east, north, _ = self._world.person_centroid(0, t_s if self._case.aimed else 0.0, 0.0) - position
         heading = math.atan2(east, north) + math.radians(1.5) * math.sin(1.7 * t_s + c)
         tilt = math.radians(5.0) + math.radians(0.5) * math.sin(2.1 * t_s + a)
         ahead = np.array(
@@ -165,7 +173,7 @@ def compressed(images: Sequence[Image], bit_rate: int = 2_000_000) -> list[Image
             output.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
         output.mux(stream.encode(None))
     buffer.seek(0)
-    with av.open(buffer) as source:
+    with av.open(buffer, "r") as source:
         return [np.asarray(frame.to_ndarray(format="bgr24"), np.uint8) for frame in source.decode(video=0)]
 
 

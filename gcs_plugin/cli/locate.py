@@ -26,7 +26,7 @@ from gcs_plugin.progress import Progress
 from mission.camera import Camera, Mounting, read_camera
 from mission.detect import make_detector
 from mission.drones.drone import Drone, Order, OrderState
-from mission.drones.flight import FlightSettings
+from mission.drones.limits import FlightSettings
 from mission.drones.mavlink import MavlinkDrone
 from mission.errors import FlightEnded, FlightRefused, SettingsError, SidestepError
 from mission.locate import Locate
@@ -115,7 +115,7 @@ def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None
             choice=str(choice),
         )
         answer = Answer(drone, drone.link, settings.answer, folder, log, progress, provenance, times)
-        procedure = Locate(drone, source, lens, detector, Tracker(detector), settings, answer, abort.asked)
+        procedure = Locate(drone, source, lens, detector, Tracker(), settings, answer, abort.asked)
         abort.in_flight = True
         try:
             located = procedure.run(choice, f"{folder.path.name}-{uuid.uuid4().hex[:8]}")

@@ -45,14 +45,24 @@ class Batch:
                 f"{len(seen.t_s)} usable sightings are too few", "Keep the target in view for three sightings or more."
             )
         try:
-            return _estimate(flight, seen)
+            return to_estimate(flight, *most_probable(flight, seen))
         except (NotPositiveDefinite, np.linalg.LinAlgError):
             raise EstimateRefused(
                 "The sightings do not determine a position", "Fly further sideways, and keep the target in view."
             ) from None
 
 
-def _estimate(flight: FlightSightings, seen: Observations) -> Estimate:
+def most_probable(flight: FlightSightings, seen: Observations) -> tuple[JointModel, Minimum]:
+    """The lowest minimum that the starts lead to, over the sightings that fit it.
+
+    Args:
+        flight: its noise model and prior are used.
+        seen: its observations, three at least.
+
+    Raises:
+        EstimateRefused: no start leads anywhere, or the sightings contradict each other.
+        NotPositiveDefinite: something is not observable.
+    """
     found = find_starts(seen, flight.noise, flight.prior)
     kept = seen if found.right.all() else seen.only(found.right)
     best: tuple[JointModel, Minimum] | None = None
@@ -75,7 +85,7 @@ def _estimate(flight: FlightSightings, seen: Observations) -> Estimate:
             "The sightings contradict each other: no single target explains most of them",
             "Check that one and the same person was tracked, and the camera's calibration and mounting.",
         )
-    return to_estimate(flight, model, minimum)
+    return model, minimum
 
 
 def _worth(candidate: tuple[JointModel, Minimum]) -> float:

@@ -1,14 +1,15 @@
 """Mean and covariance of a target whose range is known poorly, and therefore lopsidedly.
 
-Where the range's sigma is not small beside the range, more of the probability lies beyond the best range than before it, and
-the inverse information at the minimum is too small an ellipse in the wrong place. So the range (along the line of sight of
-the first sighting) is walked through on both sides of the minimum, everything else minimised at each step, and the mean and
-covariance are those of the mixture of the conditional normal distributions, weighted by the profile likelihood
-exp(-cost / 2) and a uniform prior of the range.
+Where the range's sigma is not small beside the range, more of the probability lies beyond the best range than before
+it, and the inverse information at the minimum is too small an ellipse in the wrong place. So the range (along the
+line of sight of the first sighting) is walked through on both sides of the minimum, everything else minimised at each
+step, and the mean and covariance are those of the mixture of the conditional normal distributions, weighted by the
+profile likelihood exp(-cost / 2) and a prior that is uniform in the logarithm of the range (Jeffreys' prior of a
+scale; the grid is too).
 
-The determinant that Laplace's approximation would add to the weights is left out on purpose: the camera's true path is an
-incidental parameter without a prior (errors in variables), and integrating over it with a flat one is inconsistent
-(Neyman & Scott 1948): it would push every range out, the further the worse the reported path.
+The determinant that Laplace's approximation would add to the weights is left out on purpose: the camera's true path
+is an incidental parameter without a prior (errors in variables), and integrating over it with a flat one is
+inconsistent (Neyman & Scott 1948): it would push every range out, the further the worse the reported path.
 """
 
 from __future__ import annotations
@@ -22,8 +23,6 @@ from mission.estimate.joint_model import JointModel, Linearised, P, State
 from mission.estimate.target_covariance import TargetMoments, target_moments
 from mission.records import Vector
 
-import os
-_EXPO=float(os.environ.get("EXPO","1"))
 _STEP = 0.6
 """Between neighbouring ranges, in sigmas of the log range."""
 _LARGEST_STEP = 0.15
@@ -64,9 +63,7 @@ def profile_range(model: JointModel, minimum: Minimum) -> RangeProfile:
     nodes = [*reversed(near), _node(model, minimum, sight, best), *far]
     cost = np.array([node.cost for node in nodes])
     ranges = np.array([node.range_m for node in nodes])
-    weights = (
-        np.exp(-0.5 * (cost - cost.min())) * ranges
-    )  # uniform in range, on a grid that is uniform in its logarithm
+    weights = np.exp(-0.5 * (cost - cost.min()))
     weights /= weights.sum()
     likely = ranges[cost - cost.min() < 4.0]
     return RangeProfile(
@@ -91,12 +88,11 @@ def _walk(model: JointModel, minimum: Minimum, sight: Vector, best: float, step:
     at = minimum.at
     for number in range(1, _MOST + 1):
         wanted = best * float(np.exp(number * step))
-        found: Linearised | None = at
         for _ in range(2):
-            found = _held(model, found, sight, wanted)
-            if found is None:
+            held = _held(model, at, sight, wanted)
+            if held is None:
                 return nodes
-        at = found
+            at = held
         factored, _, _ = model.normal_equations(at)
         nodes.append(_node(model, Minimum(at, factored, 0, converged=True), sight, wanted))
         if at.cost - minimum.at.cost > _DEPTH:

@@ -188,7 +188,7 @@ class _RangeProfile:
         normal[:, :3, :3] += firm[:, None, None] * (axis[:, None] * axis)
         right[:, :3] += (firm * (self.ranges + self.depth_offset[0]))[:, None] * axis
         normal[:, _SPEEDS, _SPEEDS] += self.speed_precision
-        self.unknowns = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+        self.unknowns = np.asarray(np.linalg.solve(normal, right[:, :, None])[:, :, 0], dtype=np.float64)
         depths: Matrix = self.unknowns[:, :6] @ self.along.T - self.depth_offset
         self.depths = np.maximum(depths, 0.2 * self.ranges[:, None])
 

@@ -11,8 +11,8 @@ _TRUSTED = 2.0
 class DriftFilter:
     """State (value, rate); the rate is a first-order Gauss-Markov process (Singer's model, one derivative lower).
 
-    A measurement far from what is expected has a bounded influence but is never refused: refusing would leave the filter
-    alone with its own rate once that is wrong.
+    A measurement far from what is expected has a bounded influence but is never refused: refusing would leave the
+    filter alone with its own rate once that is wrong.
 
     Args:
         value: the first value.

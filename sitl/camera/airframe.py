@@ -1,4 +1,4 @@
-"""Where the lens is, from where the aircraft is: the mounting of the camera, and the aircraft's true pose at any time."""
+"""Where the lens is, from where the aircraft is: the camera's mounting, and the aircraft's true pose at any time."""
 
 from __future__ import annotations
 

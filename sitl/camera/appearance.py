@@ -74,8 +74,9 @@ def shadow_of(surface: Vector, sun: Vector) -> Vector:
 
 def _palette(clothes: Clothes, rng: np.random.Generator) -> Vector:
     """(5, 3): red, green, blue of each material."""
-    shirt = colorsys.hsv_to_rgb(rng.uniform(), rng.uniform(0.15, 0.85), rng.uniform(0.25, 0.95))
-    trousers = colorsys.hsv_to_rgb(rng.uniform(0.05, 0.68), rng.uniform(0.1, 0.6), rng.uniform(0.12, 0.55))
+    # Any colour but those of skin; jeans and greys.
+    shirt = colorsys.hsv_to_rgb(rng.uniform(0.15, 1.01) % 1.0, rng.uniform(0.15, 0.85), rng.uniform(0.25, 0.95))
+    trousers = colorsys.hsv_to_rgb(rng.uniform(0.56, 0.68), rng.uniform(0.05, 0.6), rng.uniform(0.12, 0.45))
     skin, hair = _SKINS[int(rng.integers(4))], _HAIRS[int(rng.integers(4))]
     given = {SKIN: clothes.skin, SHIRT: clothes.shirt, TROUSERS: clothes.trousers, HAIR: clothes.hair}
     palette = np.array([skin, shirt, trousers, hair, (0.13, 0.12, 0.12)])

@@ -1,6 +1,6 @@
-"""The lens: from rays to pixels with OpenCV's distortion model, and from the ideal pinhole picture to the distorted one.
+"""The lens: from rays to pixels with OpenCV's distortion model, and from the pinhole picture to the distorted one.
 
-Pixels count from the outer corner of the top left pixel, so the middle of pixel (column, row) is (column + 0.5, row + 0.5).
+Pixels count from the outer corner of the top left pixel: the middle of pixel (column, row) is (column + 0.5, row + 0.5).
 """
 
 from __future__ import annotations
@@ -94,4 +94,4 @@ class Lens:
 
     def picture(self, rendered: Image) -> Image:
         """The distorted picture of a rendered canvas."""
-        return np.asarray(cv2.remap(rendered, *self._map, cv2.INTER_LINEAR), np.uint8)
+        return np.asarray(cv2.remap(rendered, self._map[0], self._map[1], cv2.INTER_LINEAR), np.uint8)

@@ -39,9 +39,9 @@ def grass(rng: np.random.Generator, size: int = 512) -> Image:
     blades = noise(rng, size, 0.4, 0.35)
     tufts, patches = noise(rng, size, 1.1), noise(rng, size, 1.8)
     value = 0.55 * blades + 0.6 * tufts
-    picture = _tint(np.array([48.0, 104.0, 88.0]), value, np.array([11.0, 19.0, 16.0]))
+    picture = _tint(np.array([72.0, 134.0, 118.0]), value, np.array([13.0, 21.0, 18.0]))
     dry = np.clip(patches - 0.9, 0.0, 1.0)[:, :, None]
-    return _image(picture * (1.0 - 0.55 * dry) + 0.55 * dry * np.array([92.0, 128.0, 142.0]))
+    return _image(picture * (1.0 - 0.55 * dry) + 0.55 * dry * np.array([112.0, 150.0, 164.0]))
 
 
 def paving(rng: np.random.Generator, size: int = 512, rows: int = 4) -> Image:

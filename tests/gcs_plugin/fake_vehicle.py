@@ -119,6 +119,8 @@ class Vehicle:
     """Changes the second item of every upload of more than `spoils_above` items."""
     spoils_above: int = 0
     mute: bool = False
+    mute_at_upload: int | None = None
+    """Falls silent when this upload is announced."""
     home_wanders: bool = False
     loses_final_ack: bool = False
     uploads: int = 0
@@ -171,6 +173,9 @@ class Vehicle:
         if self._coming is not None and self._expected > 0:
             return
         self.uploads += 1
+        if self.uploads == self.mute_at_upload:
+            self.mute = True
+            return
         self._count, self._expected, self._retries = count, 0, 0
         self._coming = []
         if self.autopilot == ARDUPILOT:  # writes into the plan itself

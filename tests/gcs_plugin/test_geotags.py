@@ -162,6 +162,16 @@ def test_a_full_disk_stops_the_log_and_keeps_what_was_acknowledged(tmp_path: Pat
     assert report["left"] == ["log.gpkg"]
 
 
+def test_a_log_that_does_not_fit_on_the_disk_is_not_begun(tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if not _small_disk_can_be_mounted(disk):
+        pytest.skip("this system lets nobody mount a small disk")
+    report = _fill([*SMALL_DISK, "24k", str(disk), sys.executable, "-c", FILLER, str(disk / "log.gpkg"), "0"])
+    assert "the disk is full" in report["cause"]
+    assert (report["acknowledged"], report["readable"], report["left"]) == ([], [], [])
+
+
 def test_when_the_disk_is_full_the_geotag_goes_to_the_fallback_folder(tmp_path: Path) -> None:
     path, other = tmp_path / "disk" / "log.gpkg", tmp_path / "other"
     path.parent.mkdir()

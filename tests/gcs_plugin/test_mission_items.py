@@ -183,6 +183,15 @@ def test_a_plan_that_cannot_be_put_back_is_not_called_whole(autopilot: int) -> N
         append_item(protocol(vehicle), WAYPOINT)
 
 
+@BOTH
+@pytest.mark.parametrize("wakes", [True, False])
+def test_a_vehicle_that_falls_silent_while_the_plan_is_put_back_is_not_trusted(autopilot: int, wakes: bool) -> None:
+    before = plan(autopilot)
+    vehicle = Vehicle(autopilot, list(before), spoils=True, spoils_above=len(before), mute_at_upload=2, wakes=wakes)
+    with pytest.raises(AnswerError, match=r"does not read it back; the plan on the vehicle may be incomplete"):
+        append_item(protocol(vehicle), WAYPOINT)
+
+
 def test_an_empty_plan_is_put_back_by_clearing() -> None:
     vehicle = Vehicle(PX4, [], spoils=True)
     odd = replace(WAYPOINT, z=math.nan)  # can never be read back as sent

@@ -67,7 +67,9 @@ def test_north_is_up_east_is_right_and_the_scale_is_the_same_both_ways() -> None
     def truth_at(east: float, north: float) -> Vector:
         track = np.array([[100.0, east, north, 0.0]])
         fixed = np.array([[0.0, -6.0, -2.0, 3.0], [1.0, 6.0, 10.0, 3.0]])  # keeps the window the same
-        cross = places(drawn(plan_view(flight(), estimate(), drone_track=fixed, truth_track=track)), TRUTH)
+        cross = places(
+            drawn(plan_view(flight(), estimate(), drone_track=fixed, truth_track=track, size_px=(900, 630))), TRUTH
+        )
         centre: Vector = (cross.min(axis=0) + cross.max(axis=0)) / 2.0
         return centre
 
