@@ -125,8 +125,9 @@ class Answer:
             tag = self.geotag
             self._attempt("answer.json", lambda: self._folder.write_answer(tag))
         self._attempt("estimate.json", lambda: self._write_estimate(located))
-        self._attempt("plan view", lambda: self._folder.write_plan_view(_plan_view(located)))
-        self._attempt("contact sheet", lambda: self._folder.write_contact_sheet(_contact_sheet(located)))
+        self._attempt("plan view", lambda: self._folder.write_plan_view(self._plan_view(located)))
+        if located.key_frames:
+            self._attempt("contact sheet", lambda: self._folder.write_contact_sheet(_contact_sheet(located)))
 
     def failed(self, error: SidestepError) -> None:
         """The flight gave no answer: keep why, and tell the ground station."""
@@ -145,6 +146,14 @@ class Answer:
             "timing": self._timing,
         }
         write_whole(self._folder.path / "estimate.json", f"{json.dumps(content, indent=2)}\n".encode())
+
+    def _plan_view(self, located: Located) -> bytes:
+        return plan_view(
+            located.flight,
+            self._sited(located.estimate),
+            drone_track=located.drone_track,
+            geodetic=located.geodetic,
+        )
 
     def _geotag(self, located: Located) -> Geotag:
         estimate = self._sited(located.estimate)
@@ -224,10 +233,6 @@ class Answer:
             if not self._log_failed:
                 self._progress.say(str(error))
             self._log_failed = True
-
-
-def _plan_view(located: Located) -> bytes:
-    return plan_view(located.flight, located.estimate, drone_track=located.drone_track, geodetic=located.geodetic)
 
 
 def _contact_sheet(located: Located) -> bytes:

@@ -8,7 +8,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
-from gcs_plugin.geotag import COLUMNS, Cell, Geotag, as_json
+from gcs_plugin.geotag import COLUMNS, Cell, Geotag, as_json, row
 from gcs_plugin.kml import to_kml
 from gcs_plugin.outline import ellipse_rings, flat_position
 
@@ -56,7 +56,8 @@ def to_csv(geotags: Iterable[Geotag]) -> str:
     writer = csv.writer(text)
     writer.writerow(["number", *(column.name for column in _COLUMNS)])
     for geotag in geotags:
-        writer.writerow([geotag.number, *(_harmless(column.value(geotag)) for column in _COLUMNS)])
+        cells = row(geotag)
+        writer.writerow([geotag.number, *(_harmless(cells[column.name]) for column in _COLUMNS)])
     return text.getvalue()
 
 

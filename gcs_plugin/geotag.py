@@ -144,7 +144,7 @@ def make_geotag(
         picture: of the target, JPEG or PNG.
 
     Raises:
-        AnswerError: the estimate has no covariance, or a number in it is not finite: such an answer is not published.
+        AnswerError: the estimate has no covariance, or numbers that cannot be: such an answer is not published.
         ValueError: the time has no time zone, or the picture is neither JPEG nor PNG.
     """
     if time_utc.tzinfo is None:
@@ -154,12 +154,17 @@ def make_geotag(
             f"The method {estimate.method} gives no covariance, so its answer cannot be a geotag",
             "Estimate with the method batch.",
         )
-    numbers = [estimate.position_enu_m, estimate.covariance]
-    numbers += [] if estimate.velocity_enu_m_s is None else [estimate.velocity_enu_m_s]
-    if not all(np.isfinite(part).all() for part in numbers):
+    numbers = (
+        *(estimate.position_enu_m, estimate.covariance, estimate.velocity_enu_m_s),
+        *(estimate.depth_m, estimate.chi2, geoid_separation_m, drone_enu_m),
+    )
+    if not all(np.isfinite(part).all() for part in numbers if part is not None):
         raise AnswerError(
             "The estimate holds numbers that are not finite", "Fly the pattern again; please report this flight."
         )
+    variances = np.linalg.eigvalsh(estimate.covariance)
+    if variances[0] < -1e-9 * variances[-1] or np.diag(estimate.covariance).min() < 0.0:
+        raise AnswerError("The estimate's covariance is impossible", "Fly again; please report this flight.")
     velocity = estimate.velocity_enu_m_s
     geotag = Geotag(
         id=id,
@@ -259,7 +264,18 @@ COLUMNS: tuple[Column, ...] = (
 """A geotag as one flat row: the columns of the log and of a CSV file, and the properties of a GeoJSON feature."""
 
 
+def row(geotag: Geotag) -> dict[str, Cell]:
+    """The columns by name. A file name that is no UTF-8 is spelled out, so that every format can hold it."""
+    cells = ((column.name, column.value(geotag)) for column in COLUMNS)
+    return {name: _storable(cell) if isinstance(cell, str) else cell for name, cell in cells}
+
+
 def as_json(geotag: Geotag) -> dict[str, object]:
     """The row as JSON values: number and columns but for the picture, covariance and notes nested."""
-    row: dict[str, object] = {column.name: column.value(geotag) for column in COLUMNS if column.name != "picture"}
-    return {"number": geotag.number, **row, "covariance_enu": geotag.covariance, "notes": geotag.notes}
+    columns: dict[str, object] = {name: cell for name, cell in row(geotag).items() if name != "picture"}
+    notes = [_storable(note) for note in geotag.notes]
+    return {"number": geotag.number, **columns, "covariance_enu": geotag.covariance, "notes": notes}
+
+
+def _storable(text: str) -> str:
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")

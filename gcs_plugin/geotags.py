@@ -18,7 +18,7 @@ from typing import Final, get_args
 
 from gcs_plugin import geopackage
 from gcs_plugin.durable import make_folder
-from gcs_plugin.geotag import COLUMNS, Geotag, Provenance, make_geotag
+from gcs_plugin.geotag import COLUMNS, Geotag, Provenance, make_geotag, row
 from mission.errors import AnswerError
 from mission.geodesy import Geodetic
 from mission.records import Datum
@@ -97,10 +97,10 @@ class GeotagLog:
         return read_geotags(self.path, busy_timeout_s=self._busy_timeout_s) if self.path.exists() else []
 
     def _append(self, geotag: Geotag, path: Path) -> Logged:
-        row = [column.value(geotag) for column in COLUMNS]
+        cells = row(geotag).values()
         geometry = geopackage.point(geotag.place.lon_deg, geotag.place.lat_deg, geotag.ellipsoid_height_m)
         with _named(path), self._transaction(path) as connection:
-            number = connection.execute(_INSERT, [geometry, *row]).lastrowid
+            number = connection.execute(_INSERT, [geometry, *cells]).lastrowid
             extent = {"x": geotag.place.lon_deg, "y": geotag.place.lat_deg, "layer": LAYER}
             connection.execute(_EXTENT, extent)
         return Logged(replace(geotag, number=number or 0), path)
@@ -138,10 +138,10 @@ def read_geotags(path: Path, *, busy_timeout_s: float = 1.0) -> list[Geotag]:
         try:
             _check_columns(connection, path)
             connection.row_factory = sqlite3.Row
-            rows = connection.execute(f"SELECT * FROM {LAYER} ORDER BY fid").fetchall()
+            found = connection.execute(f"SELECT * FROM {LAYER} ORDER BY fid").fetchall()
         finally:
             connection.close()
-        return [_geotag(row) for row in rows]
+        return [_geotag(each) for each in found]
 
 
 def _check_columns(connection: sqlite3.Connection, path: Path) -> None:
@@ -158,9 +158,9 @@ def _named(path: Path, verb: str = "written") -> Iterator[None]:
     """Says in an operator's words what SQLite and the operating system say in theirs."""
     try:
         yield
-    except sqlite3.IntegrityError as error:
-        raise AnswerError(f"The geotag is in {path} already", "") from error
     except sqlite3.Error as error:
+        if getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_CONSTRAINT_UNIQUE:
+            raise AnswerError(f"The geotag is in {path} already") from error
         why, remedy = _REASONS.get(getattr(error, "sqlite_errorcode", 0) & 0xFF, (str(error), "Check disk and file."))
         raise AnswerError(f"The geotag log {path} cannot be {verb}: {why}", remedy) from error
     except OSError as error:
@@ -185,44 +185,44 @@ _REASONS: Final = {
 }
 
 
-def _geotag(row: sqlite3.Row) -> Geotag:
+def _geotag(found: sqlite3.Row) -> Geotag:
     def place(prefix: str = "") -> Geodetic | None:
-        if row[f"{prefix}lat_deg"] is None:
+        if found[f"{prefix}lat_deg"] is None:
             return None
-        datum: Datum = row[f"{prefix}alt_datum"]
+        datum: Datum = found[f"{prefix}alt_datum"]
         if datum not in get_args(Datum):
             raise ValueError(f"unknown datum {datum!r}")
-        return Geodetic(row[f"{prefix}lat_deg"], row[f"{prefix}lon_deg"], row[f"{prefix}alt_m"], datum)
+        return Geodetic(found[f"{prefix}lat_deg"], found[f"{prefix}lon_deg"], found[f"{prefix}alt_m"], datum)
 
     target = place()
     if target is None:
-        raise ValueError(f"geotag {row['fid']} has no place")
-    east, north, up = row["velocity_east_m_s"], row["velocity_north_m_s"], row["velocity_up_m_s"]
+        raise ValueError(f"geotag {found['fid']} has no place")
+    east, north, up = found["velocity_east_m_s"], found["velocity_north_m_s"], found["velocity_up_m_s"]
     return Geotag(
-        id=row["id"],
-        time_utc=datetime.fromisoformat(row["time_utc"]),
+        id=found["id"],
+        time_utc=datetime.fromisoformat(found["time_utc"]),
         place=target,
-        covariance=tuple((a, b, c, d, e, f) for a, b, c, d, e, f in json.loads(row["covariance_enu"])),
+        covariance=tuple((a, b, c, d, e, f) for a, b, c, d, e, f in json.loads(found["covariance_enu"])),
         velocity_enu_m_s=None if east is None else (east, north, up),
-        method=row["method"],
-        model=row["model"],
-        depth_m=row["depth_m"],
-        sightings=row["sightings"],
-        rejected=row["rejected"],
-        chi2=row["chi2"],
-        dof=row["dof"],
+        method=found["method"],
+        model=found["model"],
+        depth_m=found["depth_m"],
+        sightings=found["sightings"],
+        rejected=found["rejected"],
+        chi2=found["chi2"],
+        dof=found["dof"],
         drone=place("drone_"),
         provenance=Provenance(
-            software=row["software"],
-            flight_id=row["flight_id"],
-            sightings_file=row["sightings_file"],
-            video=row["video"],
-            link=row["link"],
-            choice=row["choice"],
-            noise_preset=row["noise_preset"],
+            software=found["software"],
+            flight_id=found["flight_id"],
+            sightings_file=found["sightings_file"],
+            video=found["video"],
+            link=found["link"],
+            choice=found["choice"],
+            noise_preset=found["noise_preset"],
         ),
-        geoid_separation_m=row["geoid_separation_m"],
-        notes=tuple(json.loads(row["notes"])),
-        picture=row["picture"] or b"",
-        number=row["fid"],
+        geoid_separation_m=found["geoid_separation_m"],
+        notes=tuple(json.loads(found["notes"])),
+        picture=found["picture"] or b"",
+        number=found["fid"],
     )

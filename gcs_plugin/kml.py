@@ -112,6 +112,11 @@ def _coordinates(positions: Sequence[Position]) -> str:
 
 def _element(parent: ET.Element, tag: str, text: str | None = None) -> ET.Element:
     element = ET.SubElement(parent, tag)
-    if text is not None:  # XML 1.0 has no way to write most control characters
-        element.text = "".join(c if c >= " " or c in "\t\n" else "\N{REPLACEMENT CHARACTER}" for c in text)
+    if text is not None:
+        element.text = "".join(c if _in_xml(c) else "\N{REPLACEMENT CHARACTER}" for c in text)
     return element
+
+
+def _in_xml(character: str) -> bool:
+    """Whether XML 1.0 can hold it: neither a control character nor half a surrogate pair."""
+    return character in "\t\n" or (character >= " " and not "\ud800" <= character <= "\udfff")

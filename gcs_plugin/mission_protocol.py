@@ -34,7 +34,7 @@ class MissionItem:
     z: float
     autocontinue: int = 1
     current: int = 0
-    """Whether the vehicle is flying to it: not a part of the plan. Sent back as read, so that PX4 goes on from there."""
+    """Whether the vehicle is flying to it: no part of the plan. Sent back as read, so that PX4 goes on from there."""
 
     def same_as(self, other: MissionItem) -> bool:
         """Equal to the last bit but for `current`; not-a-number equals itself."""

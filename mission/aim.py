@@ -9,6 +9,9 @@ LOOK_AHEAD_S = 0.2
 """How long an aircraft takes to follow a new heading, about: the aim leads by this."""
 BANDWIDTH_S = 0.25
 """Time over which the filter believes its azimuth rate."""
+CAUTIOUS_BANDWIDTH_S = 1.0
+"""While the video's delay is not known, the aircraft's own turning looks like the target's: then the aim follows slowly
+and does not lead, which keeps the yaw loop stable for delays of half a second and more."""
 LARGEST_RATE_RAD_S = 1.5
 """A faster azimuth rate is a wrong sighting, not a target."""
 
@@ -25,6 +28,8 @@ class Aim:
     azimuth_rad: float | None = None
     rate_rad_s: float = 0.0
     t_s: float = 0.0
+    cautious: bool = False
+    """Whether the times of the azimuths are uncertain."""
 
     def observe(self, azimuth_rad: float, t_s: float) -> None:
         """Take in an azimuth (clockwise from north) seen at a program time; older ones than the newest are ignored."""
@@ -33,6 +38,11 @@ class Aim:
             return
         dt = t_s - self.t_s
         if dt <= 0.0:
+            return
+        if self.cautious:
+            innovation = wrapped(azimuth_rad - self.azimuth_rad)
+            self.azimuth_rad = wrapped(self.azimuth_rad + (1.0 - math.exp(-dt / CAUTIOUS_BANDWIDTH_S)) * innovation)
+            self.t_s = t_s
             return
         fade = math.exp(-dt / BANDWIDTH_S)
         alpha, beta = 1.0 - fade**2, (1.0 - fade) ** 2

@@ -23,8 +23,8 @@ from mission.records import (
 from mission.sighting import camera_position, sighting
 from mission.track import Track
 
-PIXEL_CORRELATION_S=0.3
-SIZE_CORRELATION_S=0.3
+PIXEL_CORRELATION_S = 0.3
+SIZE_CORRELATION_S = 0.3
 
 KEY_FRAMES = 20
 """Frames kept as pictures for the contact sheet."""

@@ -20,6 +20,7 @@ from mission.detect import Detector, choose
 from mission.drones.drone import Drone
 from mission.errors import DetectionError, EstimateRefused, FlightEnded, LinkError, VideoError
 from mission.estimate import ESTIMATORS
+from mission.estimate.noise_fit import fit_noise, rescaled
 from mission.flight_loop import FlightLoop
 from mission.flight_record import FlightRecord
 from mission.located import Located, Stage, TargetChoice, Watcher
@@ -38,7 +39,7 @@ CENTRE_TIMEOUT_S = 12.0
 STEADY_S = 0.4
 """The target is centred when it has been for this long."""
 WIGGLE_RAD = math.radians(10.0)
-WIGGLE_PERIOD_S = 2.0
+WIGGLE_PERIOD_S = 1.6
 WIGGLE_TURNS = 1.0
 ORDER_TIMEOUT_S = 15.0
 LOCAL_ORIGIN = GeodeticOrigin(0.0, 0.0, 0.0)
@@ -106,7 +107,7 @@ class Locate:
         self._watcher = watcher
         self._clock = clock
         self._loop = FlightLoop(drone, video, aborted, clock)
-        self._aim = Aim()
+        self._aim = Aim(cautious=settings.video.check_offset)
         self._tracker = tracker
         self._pose_before: Pose | None = None
         self._offset_s = 0.0
@@ -158,7 +159,7 @@ class Locate:
             if steady:
                 height, width = frame.image.shape[:2]
                 target = choose(steady, (width, height), choice.box, choice.point)
-                self._tracker.start(frame, target.box)
+                self._loop.meanwhile(partial(self._tracker.start, frame, target.box))
                 others = f" (and {len(steady) - 1} more in view)" if len(steady) > 1 else ""
                 self._watcher.stage(Stage.DETECT, f"found a person{others}")
                 return
@@ -206,13 +207,14 @@ class Locate:
         return self._take_offset(meter) if measuring else offset
 
     def _take_offset(self, meter: TimeOffsetMeter) -> TimeOffset | None:
-        """Measure the time offset and use it from here on; the bearings so far were of other times, so forget them."""
+        """Measure the time offset and use it from here on; bearing rates so far were of other times, so forget them."""
         offset = meter.measure(self._drone.pose_at)
         if offset is None:
             self._watcher.stage(Stage.CENTRE, f"{meter.reason}; the camera's latency is used as it is")
+            self._aim = replace(self._aim, cautious=False)
             return None
         self._offset_s = offset.offset_s
-        self._aim = Aim()
+        self._aim = replace(self._aim, rate_rad_s=0.0, cautious=False)
         self._pose_before = None
         self._watcher.stage(
             Stage.CENTRE, f"video runs {1e3 * offset.offset_s:.0f} ms behind telemetry (+-{1e3 * offset.sigma_s:.0f})"
@@ -255,6 +257,7 @@ class Locate:
 
     def _answer(self, record: FlightRecord, offset: TimeOffset | None, last_frame_s: float) -> Located:
         flight = self._flight(record)
+        flight = rescaled(flight, fit_noise(flight))
         self._watcher.sightings(flight)
         estimate = ESTIMATORS["batch"].estimate(flight)
         comparisons = []

@@ -35,7 +35,7 @@ class Body:
     triangles: Indices
     """(T, 3)."""
     material: NDArray[np.uint8]
-    """(T,): what each triangle is made of, see `MATERIALS`."""
+    """(T,): what each triangle is made of, see `sitl.camera.appearance`."""
     weights: Vector
     """(V, B): how much each vertex follows each bone; rows add up to 1."""
     heads_m: Vector

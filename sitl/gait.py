@@ -1,16 +1,17 @@
-"""How a person walks: cadence from speed, the feet's path over the stride, swinging arms, and an idle sway when standing.
+"""How a person walks: cadence from speed, the feet's path over the stride, swinging arms, an idle sway when standing.
 
 Published figures that shape it:
 
 - Cadence: step length / cadence = 0.0065 m/(step/min), which people keep over their range of speeds (N. Sekiya and
   H. Nagasaki, *Gait & Posture* 7 (1998) 225-227).
 - Feet: heel strike, foot flat, heel rise and toe-off with their share of the stride and the foot's pitch (J. Perry and
-  J. Burnfield, *Gait Analysis*, 2nd ed. 2010; D. A. Winter, *Biomechanics and Motor Control of Human Movement*, 4th ed. 2009).
-- Hip and knee follow from the feet and the pelvis (two-link leg), so that the planted foot does not slide; the tests hold
-  the angles that come out against the normative curves of Perry and Burnfield.
+  J. Burnfield, *Gait Analysis*, 2nd ed. 2010; D. A. Winter, *Biomechanics and Motor Control of Human Movement*, 4th ed.
+  2009).
+- Hip and knee follow from the feet and the pelvis (two-link leg), so that the planted foot does not slide; the tests
+  hold the angles that come out against the normative ranges.
 - Arms: M. P. Murray et al., *Am. J. Phys. Med.* 46 (1967) 290-333.
-- Rise and fall of the trunk: about six tenths of what stiff legs would give (S. A. Gard and D. S. Childress, *Arch. Phys.
-  Med. Rehabil.* 82 (2001) 26-32 discuss why it is less).
+- Rise and fall of the trunk: about six tenths of what stiff legs would give (S. A. Gard and D. S. Childress, *Arch.
+  Phys. Med. Rehabil.* 82 (2001) 26-32 discuss why it is less).
 """
 
 from __future__ import annotations
@@ -288,7 +289,7 @@ def _about_z(angle: float) -> Vector:
 
 
 def _upright() -> Vector:
-    """(B, 3, 3): turns the limbs of the rest pose (legs apart, arms lifted) to hang down, ready for the joint angles."""
+    """(B, 3, 3): turns the limbs of the rest pose (legs apart, arms lifted) to hang down."""
     heads = read_body().heads_m
     turns = np.tile(np.eye(3), (22, 1, 1))
     for side, left in ((0, 1.0), (RIGHT, -1.0)):

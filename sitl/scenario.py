@@ -4,6 +4,7 @@
 
     name = "demo"                    # letters, digits, - and _
     seed = 1                         # scenery, clothes, noise: the same seed gives the same flight
+    scenery = true                   # houses, trees and street furniture around
 
     [home]                           # the take-off point; the local frame (ENU) starts here, on the ground
     lat_deg = 47.397742
@@ -35,6 +36,7 @@
     fps = 20.0
     exposure_ms = 8.0
     readout_ms = 16.0                # from the first to the last row; 0 is a global shutter
+    renderings = 2                   # per picture, spread over the exposure: 1 (no motion blur, cheapest), 2 or 4
     noise_grey = 2.5                 # standard deviation of the sensor's noise, grey levels of 255
     exposure_wander = 0.06           # slow drift of the automatic exposure, relative
     bitrate_kbit_s = 4000
@@ -65,8 +67,6 @@
     width_m = 1.5                    # a tree's is that of its trunk
     height_m = 2.2
     turn_deg = 0.0                   # 0 stands square to the line of sight
-
-    scenery = true                   # houses, trees and street furniture around (at the top of the file)
 
 Everything but `name` and the people's `distance_m` and `bearing_deg` has a default.
 """
@@ -150,6 +150,7 @@ class CameraSettings(_Table):
     fps: float = Field(default=20.0, ge=1.0, le=60.0)
     exposure_ms: float = Field(default=6.0, ge=0.0, le=40.0)
     readout_ms: float = Field(default=0.0, ge=0.0, le=60.0)
+    renderings: Literal[1, 2, 4] = 2
     noise_grey: float = Field(default=2.5, ge=0.0, le=30.0)
     exposure_wander: float = Field(default=0.05, ge=0.0, le=0.4)
     bitrate_kbit_s: int = Field(default=4000, ge=100, le=50000)
@@ -271,7 +272,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     """Read a scenario from the text of a TOML file.
 
     Raises:
-        SettingsError: it is not TOML, a key is unknown or missing, or a value is out of its range; all faults are named.
+        SettingsError: it is not TOML, a key is unknown or missing, or a value is out of its range; names all faults.
     """
     try:
         return Scenario.model_validate(tomllib.loads(text))

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from mission.errors import AnswerError
 from mission.geodesy import geodetic_to_enu
-from mission.records import GeodeticOrigin, Vector
+from mission.records import GeodeticOrigin, Matrix, Vector
 from sitl.scenario import Scenario
 from sitl.truth import TruthRing
 from sitl.world import World
@@ -102,6 +102,29 @@ def score(
         truth_enu_m=_triple(target_last),
         truth_velocity_enu_m_s=_triple(velocity),
     )
+
+
+def truth_track(
+    scenario: Scenario, ring: TruthRing, first_s: float, last_s: float, first_camera_enu_m: Vector
+) -> Matrix:
+    """Where the target really was, in the frame of the answer.
+
+    Args:
+        scenario: what was flown; its first person is the target.
+        ring: the true flight.
+        first_s: time of the first sighting.
+        last_s: time of the last one.
+        first_camera_enu_m: reported camera position of the first sighting, shape (3,): the answer's frame is moved
+            so that this is where the camera truly was.
+
+    Returns:
+        Rows of time, east, north, up; shape (n, 4).
+    """
+    world = World(scenario)
+    shift = first_camera_enu_m - _true_camera(scenario, ring, first_s)
+    times = np.linspace(first_s, last_s, 60)
+    places = [world.person_centroid(0, float(t_s), ring.mark(0), ring.mark(1)) + shift for t_s in times]
+    return np.column_stack([times, places])
 
 
 def _true_camera(scenario: Scenario, ring: TruthRing, t_s: float) -> Vector:

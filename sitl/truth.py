@@ -156,6 +156,10 @@ class TruthRing:
             self._buffer.release()
             self._memory.close()
 
+    def __del__(self) -> None:
+        if hasattr(self, "_closed"):
+            self.close()
+
     def unlink(self) -> None:
         """Free the memory for all; only the creator does this, once."""
         self._memory.unlink()

@@ -1,8 +1,8 @@
 """The people of a scenario: the surface of each body at any time, and the point that an estimate is scored against.
 
-Local ENU around the scenario's home, up from the ground. Two instants tell when walks begin: `started_s`, the truth's mark
-0 (the drone flies sideways, or the camera's start if nobody waits for the drone), and `scene_started_s`, mark 1 (the
-camera's start), which is only needed when some people wait and others do not.
+Local ENU around the scenario's home, up from the ground. Two instants tell when walks begin: `started_s`, the truth's
+mark 0 (the drone flies sideways, or the camera's start if nobody waits for the drone), and `scene_started_s`, mark 1
+(the camera's start), which is only needed when some people wait and others do not.
 """
 
 from __future__ import annotations

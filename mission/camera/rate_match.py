@@ -117,6 +117,12 @@ class RateMatch:
         steps = self._reported(self._spans - offset_s)
         return float(np.ptp(np.concatenate([[0.0], np.cumsum(steps)])))
 
+    def unsteady_rad(self, offset_s: float) -> float:
+        """Extent of the reported movement beside a steady turn."""
+        steps = self._reported(self._spans - offset_s)
+        steady = float(steps @ self._duration_s / (self._duration_s @ self._duration_s)) * self._duration_s
+        return float(np.ptp(np.concatenate([[0.0], np.cumsum(steps - steady)])))
+
     def quality(self, offset_s: float) -> tuple[float, float, float]:
         """Gain, correlation of the two curves, and the standard deviation of the offset, s (Newey-West)."""
         residual, solution = self._residual(offset_s)

@@ -23,6 +23,7 @@ from mission.records import Frame, Vector
 _MAX_GAP_S = 0.25
 _MIN_PAIRS = 12
 _MIN_TURN_RAD = math.radians(6.0)
+_MIN_UNSTEADY_RAD = math.radians(2.0)
 _MIN_CORRELATION = 0.8
 _GAIN = (0.6, 1.6)
 _MAX_SIGMA_S = 0.03
@@ -115,6 +116,8 @@ class TimeOffsetMeter:
         if turned_rad < _MIN_TURN_RAD:
             turned, needed = math.degrees(turned_rad), math.degrees(_MIN_TURN_RAD)
             return f"the aircraft turned by only {turned:.1f} deg; it takes {needed:.0f}"
+        if rates.unsteady_rad(offset_s) < _MIN_UNSTEADY_RAD:
+            return "the turn was too steady: it must begin, end or change while it is watched"
         gain, correlation, sigma_s = rates.quality(offset_s)
         if correlation < _MIN_CORRELATION or not _GAIN[0] < gain < _GAIN[1]:
             return (
@@ -124,5 +127,5 @@ class TimeOffsetMeter:
         if min(offset_s - low, high - offset_s) < _EDGE_S:
             return f"the offset is outside of {low:.1f} to {high:.1f} s"
         if sigma_s > _MAX_SIGMA_S:
-            return f"the turn was too slow or too steady: the offset is uncertain by {sigma_s:.3f} s"
+            return f"the turn was too slow: the offset is uncertain by {sigma_s:.3f} s"
         return TimeOffset(offset_s, sigma_s, turned_rad, gain)

@@ -63,8 +63,6 @@ class BodyCentre:
 
     x_px: float
     y_px: float
-    height_px: float
-    """Of the body; poor (5 %), as the sizes searched are coarse."""
     score: float
 
 
@@ -102,8 +100,7 @@ class WindowedHog:
         if not near.any() or weights[near].sum() <= 0.0:
             return None
         x, y = np.average(centres[near], axis=0, weights=weights[near])
-        tall = BODY_FRACTION * float(np.average(corners[near, 3], weights=weights[near]))
-        return BodyCentre(float(x), float(y), tall, float(weights[near].max()))
+        return BodyCentre(float(x), float(y), float(weights[near].max()))
 
 
 def _bodies(windows: NDArray[np.float64], scores: NDArray[np.float64], left: int, top: int) -> list[Detection]:

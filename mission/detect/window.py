@@ -14,6 +14,10 @@ import numpy as np
 from mission.records import Image, Matrix, Vector
 
 
+_BEYOND = (114, 114, 114)
+"""What is shown beyond the edge of the frame: the grey that detectors are trained with; smeared edges look like legs."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
     """A picture cut out of a frame by a similarity transform.
@@ -89,5 +93,7 @@ def cut_window(
         part = np.asarray(cv2.GaussianBlur(part, (0, 0), 0.4 / scale), np.uint8)
     # OpenCV puts (0, 0) at the centre of the top left pixel.
     shift = offset + turn @ np.array([left + 0.5, top + 0.5]) - 0.5
-    warped = cv2.warpAffine(part, np.c_[turn, shift], size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    warped = cv2.warpAffine(
+        part, np.c_[turn, shift], size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=_BEYOND
+    )
     return Window(np.asarray(warped, np.uint8), turn, offset, (width, height))

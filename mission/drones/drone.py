@@ -179,6 +179,14 @@ class Drone(Protocol):
         """Give control back (hold) if it is ours, and close the link. Safe to call twice."""
         ...
 
+    def keep_alive(self) -> None:
+        """Say that the program's own loop is alive; each other method does so, too.
+
+        While it is flown by us the aircraft is stopped after 0.5 s without any call: call at 10 Hz or more, from the
+        loop whose hanging must stop the aircraft, never from a thread that outlives it.
+        """
+        ...
+
     def telemetry(self) -> Telemetry:
         """The newest report."""
         ...

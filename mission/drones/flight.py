@@ -20,6 +20,9 @@ from mission.drones.takeover import Phase, mode_takeover, sent_elsewhere
 from mission.drones.vehicle import VehicleState
 
 _CONFIRM_S = 3.0
+_SETPOINT_S = 0.03
+"""Every second tick. Not faster: on ArduPilot each setpoint replaces an operator's "fly here", which only shows in the
+autopilot's own target, reported every 20 ms, until the next setpoint."""
 _RIVAL_MEMORY_S = 2.0
 _TARGET_SETTLES_S = 1.0
 """ArduPilot's report of its target may be from before our setpoints for this long."""
@@ -80,6 +83,7 @@ class Flight:
         self._take_off: TakeOff | None = None
         self._room = Room(self._bounds, np.zeros(3), 0.0, 0.0)
         self._phase_s = 0.0
+        self._sent_s = 0.0
         self._holding = Holding(vehicle.mode, 0.0)
         self._landing = Landing(0.0)
         self._rival: tuple[float, str] | None = None
@@ -326,7 +330,9 @@ class Flight:
         if reason:
             self.stop("failsafe", f"the setpoint would leave the bounds: {reason}", now_s)
             return
-        self._controls.setpoint(self._guidance.target, self._guidance.yaw_rad)
+        if now_s - self._sent_s > _SETPOINT_S:
+            self._sent_s = now_s
+            self._controls.setpoint(self._guidance.target, self._guidance.yaw_rad)
         if outcome is not None:
             self._maneuver = None
             self._end_order(now_s, outcome.state, outcome.reason)

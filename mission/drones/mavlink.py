@@ -14,6 +14,7 @@ from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
+from pymavlink.dialects.v20 import all as mavlink
 
 from mission.clock import ClockMap
 from mission.drones.drone import Bounds, Capabilities, DroneEvent, Order, OrderState, Path, Telemetry
@@ -165,7 +166,8 @@ class MavlinkDrone:
         while True:
             self.keep_alive()
             now = self._clock()
-            if self._pose_rate() >= self._min_pose_rate_hz and self._state.connected(now):
+            told = self._state.landed_state != mavlink.MAV_LANDED_STATE_UNDEFINED
+            if self._pose_rate() >= self._min_pose_rate_hz and self._state.connected(now) and told:
                 return
             if self._pilot is None or not self._pilot.alive:
                 raise LinkError("the pilot process ended while connecting", "Its log may say why")

@@ -95,7 +95,7 @@ class _Vehicle:
             if self.state.autopilot == "px4":
                 wanted |= {"CURRENT_MODE": 20.0, "ESTIMATOR_STATUS": 1.0}
             else:
-                wanted |= {"EKF_STATUS_REPORT": 2.0, "POSITION_TARGET_GLOBAL_INT": 10.0}
+                wanted |= {"EKF_STATUS_REPORT": 2.0, "POSITION_TARGET_GLOBAL_INT": 50.0}
             self.rates = MessageRates(self.link, wanted, now_s)
         if self.rates is not None:
             self.rates.keep(now_s)

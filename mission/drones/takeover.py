@@ -49,11 +49,13 @@ def sent_elsewhere(vehicle: VehicleState, target_ned_m: Vector, since_s: float) 
         since_s: older reports (POSITION_TARGET_GLOBAL_INT) are from before our setpoints.
     """
     target, local = vehicle.position_target, vehicle.local
-    if vehicle.autopilot != "ardupilot" or target is None or local is None or target[2] < since_s:
+    if vehicle.autopilot != "ardupilot" or target is None or local is None or target.t_s < since_s:
         return None
-    north = math.radians(target[0] - vehicle.lat_deg) * _EARTH_M
-    east = math.radians(target[1] - vehicle.lon_deg) * _EARTH_M * math.cos(math.radians(target[0]))
-    there = local.position_ned_m[:2] + np.array([north, east])
-    if float(np.hypot(*(there - target_ned_m[:2]))) <= _ELSEWHERE_M:
-        return None
-    return "pilot", "the autopilot was sent to another place"
+    # ModeGuided::get_wp: while it follows our position and velocity setpoints ArduCopter reports no point at all.
+    if not target.alone:
+        north = math.radians(target.lat_deg - vehicle.lat_deg) * _EARTH_M
+        east = math.radians(target.lon_deg - vehicle.lon_deg) * _EARTH_M * math.cos(math.radians(target.lat_deg))
+        there = local.position_ned_m[:2] + np.array([north, east])
+        if float(np.hypot(*(there - target_ned_m[:2]))) <= _ELSEWHERE_M:
+            return None
+    return "pilot", "the autopilot was sent to another place (send it again: our setpoints may have replaced that)"

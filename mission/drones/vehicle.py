@@ -35,8 +35,10 @@ _EKF_POSITION = 0x218
 """ArduPilot: horizontal position relative, absolute and predicted absolute."""
 _ESTIMATOR_POSITION = mavlink.ESTIMATOR_POS_HORIZ_ABS
 _UNKNOWN_HEADING = 65535
-_FOLLOWS_A_POINT = 0x7
-"""type_mask bits that a position target without a position has set."""
+_HOME_SAMPLES = 100
+_FOLLOWS_NO_POINT = 0x7
+_FOLLOWS_NO_VELOCITY = 0x38
+"""type_mask bits of a target without a position or a velocity."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +48,17 @@ class LocalState:
     t_s: float
     position_ned_m: Vector
     velocity_ned_m_s: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class PositionTarget:
+    """POSITION_TARGET_GLOBAL_INT with a position: where the autopilot itself is going."""
+
+    t_s: float
+    lat_deg: float
+    lon_deg: float
+    alone: bool
+    """Without a velocity: a point to go to, not a setpoint that moves."""
 
 
 class VehicleState:
@@ -85,13 +98,13 @@ class VehicleState:
         self.relative_alt_m = 0.0
         self.global_s: float | None = None
         self.heading_known = False
-        self.position_target: tuple[float, float, float] | None = None
-        """lat_deg, lon_deg, time of the newest POSITION_TARGET_GLOBAL_INT that has a position."""
+        self.position_target: PositionTarget | None = None
         self.texts: deque[tuple[float, int, str]] = deque(maxlen=50)
         """STATUSTEXT: time, severity, text."""
         self.ground_down_m: float | None = None
         """Down coordinate of the ground under the take-off point, in the local frame."""
-        self._relative: deque[float] = deque(maxlen=25)
+        self._relative: list[float] = []
+        self._seen_grounded = False
         self._lock = threading.Lock()
 
     def update(self, message: Any, now_s: float) -> None:
@@ -213,11 +226,11 @@ class VehicleState:
         grounded = self.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
         if self.heartbeat_s is not None and not self.armed and grounded:
             self.ground_down_m = m.z
-        elif self.ground_down_m is None and self.global_s is not None and self.in_air:
+            self._seen_grounded = True
+        elif not self._seen_grounded and self.global_s is not None and len(self._relative) < _HOME_SAMPLES:
             # First met in the air: home's height is all there is. PX4 moves it, so that the median of some is taken.
             self._relative.append(m.z + self.relative_alt_m)
-            if len(self._relative) == self._relative.maxlen:
-                self.ground_down_m = float(np.median(self._relative))
+            self.ground_down_m = float(np.median(self._relative))
 
     def _on_attitude(self, m: Any, now_s: float) -> None:
         if math.isfinite(m.yaw) and math.isfinite(m.yawspeed):
@@ -234,8 +247,9 @@ class VehicleState:
         self.estimator_accuracy_m = accuracy if math.isfinite(accuracy) and accuracy > 0.0 else None
 
     def _on_position_target_global_int(self, m: Any, now_s: float) -> None:
-        if m.type_mask & _FOLLOWS_A_POINT == 0 and (m.lat_int or m.lon_int):
-            self.position_target = (m.lat_int * 1e-7, m.lon_int * 1e-7, now_s)
+        if m.type_mask & _FOLLOWS_NO_POINT == 0 and (m.lat_int or m.lon_int):
+            alone = m.type_mask & _FOLLOWS_NO_VELOCITY == _FOLLOWS_NO_VELOCITY
+            self.position_target = PositionTarget(now_s, m.lat_int * 1e-7, m.lon_int * 1e-7, alone)
 
     def _on_statustext(self, m: Any, now_s: float) -> None:
         self.texts.append((now_s, m.severity, m.text.strip("\x00 \t")))

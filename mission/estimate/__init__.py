@@ -6,9 +6,15 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from mission.estimate.batch import Batch
+from mission.estimate.classical import Classical
 from mission.estimate.estimator import Estimator
+from mission.estimate.four_image import FourImage
+from mission.estimate.stereo import Stereo
+from mission.estimate.three_image import ThreeImage
 
-ESTIMATORS: Mapping[str, Estimator] = MappingProxyType({"batch": Batch()})
+_METHODS: tuple[Estimator, ...] = (Batch(), ThreeImage(), FourImage(), Stereo(), Classical())
+
+ESTIMATORS: Mapping[str, Estimator] = MappingProxyType({method.name: method for method in _METHODS})
 """The methods by the name that `--method` gives them."""
 
-__all__ = ["ESTIMATORS", "Batch", "Estimator"]
+__all__ = ["ESTIMATORS", "Batch", "Classical", "Estimator", "FourImage", "Stereo", "ThreeImage"]

@@ -1,8 +1,8 @@
 """The default estimator: maximum a posteriori over all sightings, target and camera errors jointly.
 
-From several starts (`starts.py`) the joint model (`joint_model.py`) is minimised by Gauss-Newton; wrong sightings are
-taken out (`wrong_sightings.py`); the covariance is the inverse of the information at the minimum with everything but
-the target eliminated. Same input, same answer, bit for bit.
+From several starts (`starts.py`) the joint model (`joint_model.py`) is minimised by Gauss-Newton; wrong sightings
+are taken out (`wrong_sightings.py`); the covariance is the inverse of the information at the minimum with everything
+but the target eliminated. Same input, same answer, bit for bit.
 """
 
 from __future__ import annotations

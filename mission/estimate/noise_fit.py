@@ -1,22 +1,23 @@
 """The noise level that a flight's own sightings support: restricted maximum likelihood of a few scale factors.
 
-Nobody tells the program how far an autopilot's pose wanders (0.2 deg and 0.05 m over a pattern on one, 2 deg and 0.3 m on
-another) or how well a detector centres its boxes in today's light, and a covariance from the wrong level is a lie either way.
-But the sightings show it: residuals that are too restless, or too quiet. At the most probable target, with y the residuals
-without any error explained and J their derivatives,
+Nobody tells the program how far an autopilot's pose wanders (0.2 deg and 0.05 m over a pattern on one, 2 deg and 0.3
+m on another) or how well a detector centres its boxes in today's light, and a covariance from the wrong level is a
+lie either way. But the sightings show it: residuals that are too restless, or too quiet. At the most probable
+target,
 
-    -2 log L(f) = min over all errors of chi-square + log det H(f) + log det of the measurement noise
-                  + sum over factors of (log f / spread)^2
+    -2 log L(f) = y' P y + log det S(f) + log det of the unknowns' information + sum (log f - expected)^2 / spread^2
 
-where f scales the sigmas of heading, tilt, position, pixel and size, H is the information of everything that is not
-measured, and the last term is a log-normal prior that holds a factor where the flight is too short to show it. The target is
-then found again with the new noise, since both depend on each other. Source: Patterson & Thompson (1971); the geometry stays
-fixed within a round, so that the flat prior of the camera's path does no harm (see `range_profile.py`).
+where y are the residuals without any error explained, S(f) their covariance with the sigmas of heading, tilt,
+position, pixel and size scaled by the factors f, and the last term is a log-normal prior that holds a factor where
+the flight is too short to show it (Patterson & Thompson 1971; `noise_likelihood.py`). The target is then found again
+with the new noise, since both depend on each other; within a round it stays fixed, so that the flat prior of the
+camera's path does no harm (see `range_profile.py`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,34 +26,50 @@ from mission.errors import EstimateRefused
 from mission.estimate.arrow import NotPositiveDefinite
 from mission.estimate.batch import most_probable
 from mission.estimate.gauss_newton import Minimum
-from mission.estimate.joint_model import WALK, WHITE, JointModel, Linearised, State
+from mission.estimate.joint_model import JointModel, State
+from mission.estimate.noise_likelihood import (
+    HEADING_TAU_S,
+    POSITION_TAU_S,
+    TILT_TAU_S,
+    SmoothLikelihood,
+    first_order_sigma,
+    random_walk_intensity,
+)
 from mission.estimate.observations import observe
-from mission.records import FlightSightings, Matrix, NoiseModel, Sighting, Vector
+from mission.records import FlightSightings, NoiseModel, Sighting, Vector
 
+_PATTERN_RATE = 1.4 * 2.0 * math.pi
+"""Angular rate at which the parallax of an out-and-back or S pattern lives, times the pattern's duration."""
+_MOST = 30
+"""Sightings that the likelihood looks at, evenly thinned."""
 _ROUNDS = 3
 _SWEEPS = 3
+_REACH_OF_CURVATURE = 0.5
+"""How far from the mode the posterior's curvature is looked at, in the factors' logarithms."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Factor:
-    """One scale factor: which fields of the noise model it scales, and what is believed of it beforehand."""
+    """What is believed of a scale factor's logarithm beforehand."""
 
-    fields: tuple[str, ...]
     middle: float
-    """Most likely value beforehand."""
+    """Most likely logarithm where the heading's factor is one."""
+    with_heading: float
+    """By how much it grows with the logarithm of the heading's factor."""
     spread: float
-    """Sigma of its natural logarithm beforehand."""
+    """Sigma of the logarithm about that."""
 
 
+# One filter in the autopilot makes heading, tilt and position, so where one is bad the others are. Between the two
+# autopilots that were measured the heading is nine times worse, the tilt nine times, the drift five times.
 _FACTORS = (
-    _Factor(("heading_sigma_rad",), 2.0, 1.2),
-    _Factor(("tilt_sigma_rad",), 1.5, 0.8),
-    _Factor(("position_walk_m_per_sqrt_s",), 1.5, 0.8),
-    _Factor(("position_sigma_m",), 1.0, 0.5),
-    _Factor(("pixel_sigma_px",), 1.0, 0.4),
-    _Factor(("size_sigma",), 1.0, 0.4),
+    _Factor(1.15, 0.0, 1.1),  # heading
+    _Factor(-0.8, 1.0, 0.6),  # tilt
+    _Factor(0.1, 0.7, 0.4),  # smooth position error
+    _Factor(-0.3, 0.2, 0.5),  # white position error
+    _Factor(0.0, 0.0, 0.4),  # pixel
+    _Factor(0.0, 0.0, 0.4),  # size
 )
-_PIXEL, _SIZE = 4, 5
 _REACH = math.log(20.0)
 """Natural logarithm of the largest factor."""
 
@@ -70,15 +87,16 @@ def fit_noise(flight: FlightSightings) -> NoiseModel:
     if len(seen.t_s) < 3:
         return flight.noise
     # From between the good and the bad, so that neither looks like a flight full of wrong sightings.
-    log_factors = np.log([factor.middle for factor in _FACTORS])
+    log_factors = _expected(_FACTORS[0].middle)
+    rate = _PATTERN_RATE / max(float(seen.t_s[-1]), 1e-3)
     try:
         for _ in range(_ROUNDS):
-            current = rescaled(flight, _scaled(flight.noise, log_factors))
+            current = rescaled(flight, _scaled(flight.noise, log_factors, rate))
             model, minimum = most_probable(current, observe(current))
-            log_factors = _fitted(model, minimum, log_factors)
+            log_factors = _fitted(_likelihood(flight, model, minimum), log_factors)
     except (EstimateRefused, NotPositiveDefinite, np.linalg.LinAlgError):
         return flight.noise
-    return _scaled(flight.noise, log_factors)
+    return _scaled(flight.noise, log_factors, rate)
 
 
 def rescaled(flight: FlightSightings, noise: NoiseModel) -> FlightSightings:
@@ -102,31 +120,85 @@ def _ratio(new: float, old: float) -> float:
     return new / old if old > 0.0 else 1.0
 
 
-def _scaled(noise: NoiseModel, log_factors: Vector) -> NoiseModel:
+def _scaled(noise: NoiseModel, log_factors: Vector, rate_rad_s: float) -> NoiseModel:
+    """The noise model at the factors; smooth errors become first-order ones of the same power at `rate_rad_s`."""
+    heading, tilt, place, white, pixel, size = (math.exp(log_factor) for log_factor in log_factors)
+    smooth_heading = heading * noise.heading_sigma_rad
+    wander = first_order_sigma(smooth_heading, HEADING_TAU_S, noise.heading_correlation_s, rate_rad_s)
+    # What the first-order process does not carry of the variance is slower than the pattern: a bias to it.
+    slow = max(smooth_heading**2 - wander**2, 0.0)
     return replace(
         noise,
-        **{
-            name: getattr(noise, name) * math.exp(log_factor)
-            for factor, log_factor in zip(_FACTORS, log_factors, strict=True)
-            for name in factor.fields
-        },
+        heading_sigma_rad=wander,
+        heading_bias_sigma_rad=math.hypot(noise.heading_bias_sigma_rad, math.sqrt(slow)),
+        tilt_sigma_rad=tilt * noise.tilt_sigma_rad,
+        tilt_correlation_s=TILT_TAU_S,
+        position_walk_m_per_sqrt_s=random_walk_intensity(
+            place * noise.position_walk_m_per_sqrt_s, POSITION_TAU_S, rate_rad_s
+        ),
+        position_sigma_m=white * noise.position_sigma_m,
+        pixel_sigma_px=pixel * noise.pixel_sigma_px,
+        size_sigma=size * noise.size_sigma,
     )
 
 
-def _fitted(model: JointModel, minimum: Minimum, now: Vector) -> Vector:
-    """Logarithms of the factors with the largest likelihood, one after another, a few times around."""
-    likelihood = _Likelihood(model, minimum, now)
+def _expected(log_heading: float) -> Vector:
+    """Most likely logarithms of the factors beforehand, given the heading's."""
+    return np.array([factor.middle + factor.with_heading * log_heading for factor in _FACTORS])
+
+
+_SPREADS = np.array([factor.spread for factor in _FACTORS])
+
+
+def _likelihood(flight: FlightSightings, model: JointModel, minimum: Minimum) -> SmoothLikelihood:
+    """Of the factors of the stated noise, on sightings thinned to what a dense matrix can bear."""
+    stated = observe(flight)
+    rows = np.flatnonzero(np.isin(stated.index, model.seen.index))
+    kept = np.zeros(len(stated.t_s), dtype=bool)
+    kept[rows] = True
+    plain = JointModel(stated.only(kept), flight.noise, flight.prior)
+    state = plain.adopt(model, minimum.at.state, np.arange(plain.count))
+    state = State(np.zeros_like(state.chain), state.border)
+    at = plain.linearise(state)
+    if at is None:
+        raise NotPositiveDefinite("the target is behind the camera")
+    stride = max(1, -(-plain.count // _MOST))
+    return SmoothLikelihood(plain, at, np.arange(0, plain.count, stride))
+
+
+def _fitted(likelihood: SmoothLikelihood, now: Vector) -> Vector:
+    """Logarithms of the factors with the largest posterior, one after another, a few times around."""
+
+    def posterior(log_factors: Vector) -> float:
+        surprise = (log_factors - _expected(float(log_factors[0]))) / _SPREADS
+        return likelihood(log_factors) + float(surprise @ surprise)
+
     best = now.copy()
-    value = likelihood(best)
+    value = posterior(best)
     reach = 0.7
     for _ in range(_SWEEPS):
         for place in range(len(_FACTORS)):
-            value = _along(likelihood, best, place, reach, value)
+            value = _along(posterior, best, place, reach, value)
         reach *= 0.5
-    return best
+    return best + _uncertainty(posterior, best, value)
 
 
-def _along(likelihood: _Likelihood, best: Vector, place: int, reach: float, value: float) -> float:
+def _uncertainty(posterior: Callable[[Vector], float], best: Vector, value: float) -> Vector:
+    """Variances of the logarithms.
+
+    A covariance is to hold on average over what the factors may be: the mean of f^2 over a log-normal posterior is that
+    of its mode times exp(2 variance).
+    """
+    variances = np.empty(len(best))
+    for place in range(len(best)):
+        offset = np.zeros(len(best))
+        offset[place] = _REACH_OF_CURVATURE
+        curvature = posterior(best + offset) - 2.0 * value + posterior(best - offset)
+        variances[place] = 2.0 * _REACH_OF_CURVATURE**2 / curvature if curvature > 0.0 else math.inf
+    return np.minimum(variances, _SPREADS**2)
+
+
+def _along(likelihood: Callable[[Vector], float], best: Vector, place: int, reach: float, value: float) -> float:
     """Move one factor downhill in strides, then to the vertex of the parabola; returns the new value."""
     here = float(best[place])
 
@@ -148,40 +220,3 @@ def _along(likelihood: _Likelihood, best: Vector, place: int, reach: float, valu
         here, value = vertex, reached
     best[place] = here
     return value
-
-
-class _Likelihood:
-    """-2 log restricted likelihood of the factors, the model linearised once at the most probable state."""
-
-    def __init__(self, model: JointModel, minimum: Minimum, now: Vector) -> None:
-        at = minimum.at
-        self.model, self.at, self.now = model, at, now
-        own = np.matmul(at.chain_jacobian, at.state.chain[:, :, None])[:, :, 0]
-        self.unexplained: Matrix = at.residual - own - at.border_jacobian @ at.state.border
-        self.zero = State(np.zeros_like(at.state.chain), np.zeros_like(at.state.border))
-        self.sizes = int(model.has_size.sum())
-
-    def __call__(self, log_factors: Vector) -> float:
-        relative = np.exp(log_factors - self.now)
-        columns = np.ones(self.model.block)
-        columns[0], columns[1] = relative[0], relative[1]
-        columns[WALK], columns[WHITE] = relative[2], relative[3]
-        rows = np.array((1.0 / relative[_PIXEL], 1.0 / relative[_PIXEL], 1.0 / relative[_SIZE]))
-        own = self.at.chain_jacobian * rows[:, None] * columns
-        if self.model.fills_size:
-            # The size error of a sighting without a height is in sigmas already.
-            own[:, :, self.model.size_place] = self.at.chain_jacobian[:, :, self.model.size_place]
-        residual = self.unexplained * rows
-        weighted = self.model.weighted(residual[:, :, None])[:, :, 0]
-        linear = Linearised(
-            self.zero, 0.0, residual, own, self.at.border_jacobian * rows[:, None], weighted, self.zero.chain
-        )
-        factored, chain, border = self.model.normal_equations(linear)
-        step_chain, step_border = factored.solve(chain, border)
-        chi2 = float(np.vdot(residual, weighted)) - float(chain @ step_chain + border @ step_border)
-        measured = 4.0 * self.model.count * log_factors[_PIXEL] + 2.0 * self.sizes * log_factors[_SIZE]
-        beforehand = sum(
-            ((log_factor - math.log(factor.middle)) / factor.spread) ** 2
-            for factor, log_factor in zip(_FACTORS, log_factors, strict=True)
-        )
-        return chi2 + factored.log_determinant + float(measured) + float(beforehand)

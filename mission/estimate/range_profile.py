@@ -2,9 +2,9 @@
 
 Where the range's sigma is not small beside the range, more of the probability lies beyond the best range than before
 it, and the inverse information at the minimum is too small an ellipse in the wrong place. So the range (along the
-line of sight of the first sighting) is walked through on both sides of the minimum, everything else minimised at each
-step, and the mean and covariance are those of the mixture of the conditional normal distributions, weighted by the
-profile likelihood exp(-cost / 2) and a prior that is uniform in the logarithm of the range (Jeffreys' prior of a
+line of sight of the first sighting) is walked through on both sides of the minimum, everything else minimised at
+each step, and the mean and covariance are those of the mixture of the conditional normal distributions, weighted by
+the profile likelihood exp(-cost / 2) and a prior that is uniform in the logarithm of the range (Jeffreys' prior of a
 scale; the grid is too).
 
 The determinant that Laplace's approximation would add to the weights is left out on purpose: the camera's true path

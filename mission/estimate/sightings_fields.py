@@ -1,8 +1,9 @@
 """The fields of a sightings file: JSON objects to records, checked one by one (format `sidestep-sightings`, version 1).
 
-Nothing is guessed: a field that is missing, null, of a wrong type, not finite or out of its range raises `FieldError`
-with the field's name. The exceptions are the format's own: `noise` and `prior` fields have documented defaults, a
-sighting's `pixel_sigma_px` and `size_sigma` are optional, `height_px` may be null, and unknown fields are ignored.
+Nothing is guessed: a field that is missing, null, of a wrong type, not finite or out of its range raises
+`FieldError` with the field's name. The exceptions are the format's own: `noise` and `prior` fields have documented
+defaults, a sighting's `pixel_sigma_px` and `size_sigma` are optional, `height_px` may be null, and unknown fields
+are ignored.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Where to start the minimisation: the cost of the range, with everything else solved linearly, on a grid of ranges.
 
 For a hypothesised depth at the first sighting the bearings are linear in position and velocity (the pseudo-linear
-equations: (row_x - x row_z) d = 0, Nardone & Aidala), and so is the log size around that depth. All ranges are solved
-at once. The grid's local minima are the starts: the true one, and the mirrored or too-near ones that a single start
-can end in. Wrong sightings are found here first, while nothing depends on them yet, by iteratively reweighted least
-squares.
+equations: (row_x - x row_z) d = 0, Nardone & Aidala), and so is the log size around that depth. All ranges are
+solved at once. The grid's local minima are the starts: the true one, and the mirrored or too-near ones that a single
+start can end in. Wrong sightings are found here first, while nothing depends on them yet, by iteratively reweighted
+least squares.
 """
 
 from __future__ import annotations

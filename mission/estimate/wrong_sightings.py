@@ -1,8 +1,9 @@
 """Which sightings are somebody else: data snooping at the most probable state.
 
 A blunder in one sighting is an extra unknown there. Its score is the gradient of the cost by it, (Q r)_i, and the
-score divided by its own information is chi-square distributed when there is no blunder (Baarda 1968). The information
-used is the local one, the sighting's own chain given its neighbours', which makes the test slightly too kind.
+score divided by its own information is chi-square distributed when there is no blunder (Baarda 1968). The
+information used is the local one, the sighting's own chain given its neighbours', which makes the test slightly too
+kind.
 """
 
 from __future__ import annotations

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from mission.records import Image, Vector
 
-_BINS = (6, 12, 12)
+_BINS = (6, 24, 24)
+_RANGES = (0.0, 256.0, 80.0, 176.0, 80.0, 176.0)
 """Lightness is coarse (it changes with the sun and the exposure), the two colour axes of CIE L*a*b* are finer."""
 # Parts in body heights from the body's centre (left, right, top, bottom); narrow, so that they hold little background.
 _PARTS = ((-0.08, 0.08, -0.30, -0.02), (-0.07, 0.07, 0.04, 0.26))
@@ -33,7 +34,7 @@ def colours(window: Image, centre: Vector, body_px: float) -> Histogram:
         if part.size == 0:
             answer.append(np.zeros(int(np.prod(_BINS)), np.float32))
             continue
-        counts = cv2.calcHist([part], [0, 1, 2], None, list(_BINS), [0, 256, 64, 192, 64, 192])
+        counts = cv2.calcHist([part], [0, 1, 2], None, list(_BINS), list(_RANGES))
         # Soft bins: a colour at a bin's edge must not look like another one.
         counts = np.asarray(counts, np.float32)
         for axis in range(3):
@@ -43,5 +44,9 @@ def colours(window: Image, centre: Vector, body_px: float) -> Histogram:
 
 
 def likeness(a: Histogram, b: Histogram) -> float:
-    """Bhattacharyya coefficient, mean over the parts: 1 for the same colours, 0 for none in common."""
-    return float(np.sqrt(a * b).sum(axis=1).mean())
+    """Bhattacharyya coefficient of the part that agrees less: 1 for the same colours, 0 for none in common.
+
+    In rendered flights the same person stays above 0.7 whatever the side they show, and 95 % of other people are below
+    0.45 (`sitl.track_accuracy`'s flights).
+    """
+    return float(np.sqrt(a * b).sum(axis=1).min())

@@ -9,7 +9,7 @@ from mission.detect.nanodet import NanoDet, WindowedNanoDet
 from mission.detect.window import Window, cut_window
 from mission.records import Box, Image
 
-_EDGE = 0.03
+_EDGE = 0.06
 """A box that comes this close to the edge of the picture, in body heights, may be cut off by it."""
 
 

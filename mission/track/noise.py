@@ -14,10 +14,8 @@ MATCH_SIGMA = 0.03
 """Of one correlation, body heights."""
 HEIGHT_SIGMA = 0.03
 """Of the log of the height of one NanoDet box."""
-HOG_UPRIGHT_SIGMA = 0.03
-"""Of one HOG centre, upright, body heights."""
-HOG_HEIGHT_SIGMA = 0.08
-"""Of the log of the height of one HOG answer."""
+CUT_OFF_SIGMA = 0.04
+"""Of the body's middle, upright, body heights, where only the head tells it."""
 
 
 def pixel_sigma_px(height_px: float, filter_sigma_px: float) -> float:

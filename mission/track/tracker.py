@@ -8,6 +8,7 @@ upright windows scaled to the body, so that whatever bias there is stays the sam
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,13 +25,13 @@ from mission.track.motion import Motion
 from mission.track.template import Template
 from mission.track.track import Track, TrackState
 
-COASTING_S = 1.5
-"""How long a hidden person is waited for."""
+COASTING_S = 2.5
+"""How long a hidden person is waited for: a walker needs that to pass behind a tree or a car, half covered to half free."""
 _BODY = WindowedHog.BODY_PX
 _MIDDLE = np.array(WindowedHog.SIZE) / 2.0
 _SAME_LOOKS = 0.55
 """Smallest likeness of colours that may be the same person."""
-_SURE_LOOKS = 0.8
+_SURE_LOOKS = 0.75
 """Likeness from which on the memory of the colours follows the light."""
 _GOOD_MATCH = 0.7
 """Smallest correlation that is believed."""
@@ -95,7 +96,7 @@ class Tracker:
             window, bodies = self._eyes.bodies(frame.image, centre, height, roll_rad)
             place = window.to_window(*box.centre_px)
             body = min(bodies, key=lambda b: float(np.hypot(*np.subtract(b.box.centre_px, place))), default=None)
-            if body is None:
+            if body is None or float(np.hypot(*np.subtract(body.centre, box.centre_px))) > 0.5 * box.height_px:
                 raise DetectionError(
                     "There is nobody to follow in the box", "Draw the box around one person, head to foot."
                 )
@@ -134,9 +135,7 @@ class Tracker:
         window = _upright(frame.image, centre, height, roll)
         hog = self._eyes.centre(window, _NEAR)
         if hog is not None:
-            y = hog.y_px if cut_off else float(_MIDDLE[1])
-            centre, height = window.to_frame(hog.x_px, y), hog.height_px / window.scale if cut_off else height
-            window = _upright(frame.image, centre, height, roll)
+            window = _upright(frame.image, window.to_frame(hog.x_px, float(_MIDDLE[1])), height, roll)
         self._target = _Target(
             t_s=frame.t_s,
             motion=Motion(window.to_frame(*_MIDDLE), height, noise.SIDEWAYS_SIGMA, noise.HEIGHT_SIGMA),
@@ -155,6 +154,7 @@ class Tracker:
         if self._frames % 2:
             looks.reverse()
         # Where one detector does not see the target, the other may.
+        expected = deepcopy(target.motion)
         agreed = any(look(frame, target, window, roll) for look in looks)
         if not agreed and not self._correlate(frame, target, window):
             return self._coast(frame, target, 0.0)
@@ -162,6 +162,7 @@ class Tracker:
         seen = colours(window.image, body, _BODY)
         alike = likeness(seen, target.looks)
         if alike < _SAME_LOOKS or not _inside(window, body):
+            target.motion = expected  # what was measured was somebody or something else
             return self._coast(frame, target, alike)
         target.seen_s = frame.t_s
         if agreed:
@@ -177,11 +178,8 @@ class Tracker:
         hog = None if target.crowded else self._eyes.centre(window, _NEAR)
         if hog is None:
             return False
-        x, y = window.to_frame(hog.x_px, hog.y_px)
+        x, _ = window.to_frame(hog.x_px, float(_MIDDLE[1]))
         target.motion.see(0, x, noise.SIDEWAYS_SIGMA)
-        if target.cut_off:  # NanoDet cannot see the feet; HOG guesses them, roughly
-            target.motion.see(1, y, noise.HOG_UPRIGHT_SIGMA)
-            target.motion.see_height(hog.height_px / window.scale, noise.HOG_HEIGHT_SIGMA)
         return True
 
     def _see_upright(self, frame: Frame, target: _Target, _window: Window, roll: float) -> bool:
@@ -198,6 +196,8 @@ class Tracker:
             target.motion.see_height(body.height_px, noise.HEIGHT_SIGMA)
             target.motion.see(1, body.centre[1], noise.UPRIGHT_SIGMA)
             target.height_s = frame.t_s
+        else:  # the feet are out of the picture, the head is not
+            target.motion.see(1, body.top[1] + 0.5 * height * float(np.cos(roll)), noise.CUT_OFF_SIGMA)
         # Arms and legs swing NanoDet's box sideways, so it counts only where HOG is silent.
         if target.crowded or target.motion.sigma_px[0] > noise.BOX_SIDEWAYS_SIGMA * height:
             target.motion.see(0, body.centre[0], noise.BOX_SIDEWAYS_SIGMA)
@@ -237,7 +237,7 @@ class Tracker:
             alike = likeness(colours(window.image, _MIDDLE, _BODY), target.looks)
             hog = self._eyes.centre(window, _NEAR)
             # A body half behind something: the two detectors do not agree about its middle.
-            if alike < _SAME_LOOKS + 0.1 or hog is None or abs(hog.x_px - _MIDDLE[0]) > 0.12 * _BODY:
+            if alike < _SAME_LOOKS + 0.05 or hog is None or abs(hog.x_px - _MIDDLE[0]) > 0.12 * _BODY:
                 continue
             if best is None or alike - 0.3 * away > best[0]:
                 best = (alike - 0.3 * away, body, window, hog.x_px)
@@ -288,7 +288,7 @@ def _pair(point: tuple[float, float] | Vector) -> tuple[float, float]:
 def _similar(body: Extent, expected: Vector, height: float) -> bool:
     """Whether this may be the target."""
     away = float(np.hypot(*np.subtract(body.centre, expected)))
-    return away < _NEAR * height and abs(np.log(body.height_px / height)) < 0.35
+    return away < _NEAR * height and abs(np.log(body.height_px / height)) < 0.25
 
 
 def _beside(body: Extent, expected: Vector, height: float) -> bool:

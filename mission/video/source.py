@@ -25,7 +25,6 @@ _log = logging.getLogger(__name__)
 
 _FIRST_DELAY_S = 0.1
 _LAST_DELAY_S = 2.0
-_SETTLE_S = 1.0
 _RATE_WINDOW_S = 2.0
 _CLOSE_S = 0.3
 
@@ -156,6 +155,9 @@ class _StreamVideo:
             now = self._clock()
             recent = [at for at in self._decoded_at if now - at <= _RATE_WINDOW_S]
             age = now - self._decoded_at[-1] if self._decoded_at else None
+            if self._live and np.isfinite(self._last_t_s):
+                # At a break FFmpeg hands out what it had kept back: new to us, but not new.
+                age = now - self._last_t_s - self._latency_s
             fps = (len(recent) - 1) / max(now - recent[0], 1e-3) if recent else 0.0
             mean_s = self._busy_s / max(self._decoded, 1)
             return VideoStats(
@@ -226,14 +228,11 @@ class _StreamVideo:
         else:
             timeline = RecordedTimeline(opened_s if self._start_s is None else self._start_s, source.frame_s)
         arrivals = Arrivals()
-        settled = not self._live
         first_t_s: float | None = None
         for packet in source.container.demux(source.stream):
             arrived_s = self._clock()
             if packet.pts is not None and packet.time_base is not None:
-                steady = arrivals.note(float(packet.pts * packet.time_base), arrived_s)
-                # What was read while probing comes in one burst: it is old, and too late to tell the time by.
-                settled = settled or steady or arrived_s - opened_s > _SETTLE_S
+                arrivals.note(float(packet.pts * packet.time_base), arrived_s)
             began_s = time.perf_counter()
             pictures = self._decode(packet)
             self._busy_s += time.perf_counter() - began_s
@@ -245,7 +244,7 @@ class _StreamVideo:
                 first_t_s = t_s if first_t_s is None else first_t_s
                 if not self._live and not self._wait_taken:
                     self._closing.wait(max(0.0, opened_s + t_s - first_t_s - self._clock()))
-                self._publish(picture, t_s, settled or not source.timed)
+                self._publish(picture, t_s, timeline.settled)
 
     def _decode(self, packet: Packet[VideoStream]) -> list[VideoFrame]:
         try:

@@ -31,7 +31,7 @@ class VideoStats:
     """Packets or frames that the decoder could not make a whole picture of."""
     reconnects: int
     last_frame_age_s: float | None
-    """Since the newest frame was decoded; None before the first."""
+    """Since the newest frame arrived; None before the first."""
     decode_s: float
     """Mean time for decoding a frame and turning it into BGR."""
     error: str

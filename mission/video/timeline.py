@@ -12,10 +12,18 @@ _WRAP_S = 2.0**33 / 90000.0
 _JUMP_S = 1.0
 """Presentation time that runs ahead of, or back from, the arrivals by more than this was set anew by the sender."""
 _MAX_DRIFT = 0.005
+_SETTLED_FRAMES = 4
+_SETTLED_S = 0.005
+_SETTLE_S = 1.0
 
 
 class Timeline(Protocol):
     """Gives each frame its time."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the times can be relied on yet."""
+        ...
 
     def time_of(self, pts_s: float | None, arrived_s: float) -> float:
         """Program time of the frame presented at `pts_s` whose packet arrived at the program time `arrived_s`."""
@@ -37,6 +45,15 @@ class LiveTimeline:
         self._clock = ClockMap(max_drift=_MAX_DRIFT)
         self._wrapped_s = 0.0
         self._last: tuple[float, float] | None = None
+        self._since: tuple[float, float] | None = None
+        self._steady = 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether no better offset turned up for some frames (or too long): a stream begins with what had piled up."""
+        if self._last is None or self._since is None:
+            return self._last is None
+        return self._steady >= _SETTLED_FRAMES or self._last[1] - self._since[0] > _SETTLE_S
 
     def time_of(self, pts_s: float | None, arrived_s: float) -> float:
         """Program time of a frame; a stream without presentation times counts from each frame's arrival."""
@@ -51,9 +68,20 @@ class LiveTimeline:
                 remote_s += _WRAP_S
             elif step_s < -_JUMP_S or step_s > arrived_s - last_arrived_s + _JUMP_S:
                 self._clock = ClockMap(max_drift=_MAX_DRIFT)
+                self._since = None
         self._last = remote_s, arrived_s
         self._clock.observe(remote_s, arrived_s)
-        return self._clock.to_local(remote_s) - self._latency_s
+        t_s = self._clock.to_local(remote_s)
+        self._settle(t_s - remote_s, arrived_s)
+        return t_s - self._latency_s
+
+    def _settle(self, offset_s: float, arrived_s: float) -> None:
+        if self._since is None:
+            self._since, self._steady = (arrived_s, offset_s), 0
+        elif offset_s < self._since[1] - _SETTLED_S:
+            self._since, self._steady = (self._since[0], offset_s), 0
+        else:
+            self._steady += 1
 
 
 class RecordedTimeline:
@@ -68,6 +96,11 @@ class RecordedTimeline:
         self._next_s = start_s
         self._frame_s = frame_s
         self._offset_s: float | None = None
+
+    @property
+    def settled(self) -> bool:
+        """A file's times are what they are."""
+        return True
 
     def time_of(self, pts_s: float | None, arrived_s: float) -> float:
         """Program time of a frame; the arrival does not matter."""
@@ -88,19 +121,12 @@ class Arrivals:
 
     def __init__(self) -> None:
         self._arrived: OrderedDict[float, float] = OrderedDict()
-        self._last: tuple[float, float] | None = None
 
-    def note(self, pts_s: float, arrived_s: float) -> bool:
-        """Take in a packet.
-
-        Returns:
-            whether it was waited for, rather than read from what had piled up.
-        """
+    def note(self, pts_s: float, arrived_s: float) -> None:
+        """Take in a packet."""
         self._arrived[pts_s] = arrived_s
         while len(self._arrived) > self._KEPT:
             self._arrived.popitem(last=False)
-        last, self._last = self._last, (pts_s, arrived_s)
-        return last is not None and arrived_s - last[1] >= 0.5 * abs(pts_s - last[0])
 
     def of(self, pts_s: float | None, otherwise_s: float) -> float:
         """When the packet of this frame arrived."""

@@ -138,7 +138,7 @@ class Autopilot:
 
     def plan_message(self, link: Link, message: Any) -> None:
         """A message of the mission protocol."""
-        for answer in self._transfers[id(link)].handle(message, self.now, self._home_item()):
+        for answer in self._transfers[id(link)].handle(message, self.now, self.home_item()):
             link.send(answer)
 
     def dump_parameters(self, link: Link) -> None:
@@ -209,7 +209,8 @@ class Autopilot:
         if index + _PARAMETERS_PER_TICK >= len(self.parameters):
             del self._dumps[id(link)]
 
-    def _home_item(self) -> PlanItem:
+    def home_item(self) -> PlanItem:
+        """Home as ArduPilot shows it in its missions."""
         lat, lon, alt = self.place.geodetic((*self.commander.home[:2], self.home_up))
         zeros = (0.0, 0.0, 0.0, 0.0)
         where = (round(lat * 1e7), round(lon * 1e7), alt)

@@ -66,6 +66,10 @@ class Plan:
         if kind == MISSION:
             self.current = 0
 
+    def count(self, kind: int) -> int:
+        """How many items are stored."""
+        return len(self._items.get(kind, ()))
+
     @property
     def flyable(self) -> bool:
         """Whether there is a mission beside home."""
@@ -170,7 +174,7 @@ class PlanTransfer:
     def _receive(self, message: Any, peer: tuple[int, int], now: float) -> list[Any]:
         up = self._upload
         if up is None or message.mission_type != up.kind:
-            if message.mission_type in _TYPES and 0 < message.seq == len(self._plan._items[message.mission_type]) - 1:
+            if message.seq + 1 == self._plan.count(message.mission_type):
                 return [self._ack(peer, mavlink.MAV_MISSION_ACCEPTED, message.mission_type)]  # our ack was lost
             return [self._ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, message.mission_type)]
         if message.seq != len(up.items):

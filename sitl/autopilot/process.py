@@ -133,7 +133,10 @@ def start_autopilot(config: AutopilotConfig, truth_name: str | None = None) -> A
     command = [sys.executable, "-m", "sitl.autopilot", "--control", "--config", config.to_json()]
     if truth_name is not None:
         command += ["--truth", truth_name]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    # a session of its own: Ctrl-C is for the program that flies it, not for the aircraft
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
     line = _read_line(process, _START_S)
     if not line:
         process.kill()

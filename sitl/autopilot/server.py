@@ -193,7 +193,7 @@ class AutopilotServer:
 def state_of(a: Autopilot) -> dict[str, object]:
     """What a test may want to know of the autopilot's inside."""
     c = a.commander
-    home = a._home_item()
+    home = a.home_item()
     return {
         "mode": c.mode.value,
         "armed": c.armed,

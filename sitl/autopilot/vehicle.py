@@ -15,7 +15,7 @@ from sitl.autopilot.flight_controller import Demand, EstimatedState, FlightContr
 from sitl.autopilot.rotation import FLU_FROM_FRD, NED_FROM_ENU, Quat, Vec, from_euler, multiply, to_euler
 from sitl.truth import VehicleTruth
 
-_YAW_GYRO_BIAS_RAD_S = math.radians(0.4)
+_YAW_GYRO_BIAS_RAD_S = math.radians(0.6)
 """Spread between aircraft of how fast the nose drifts while PX4 is asked for a yaw rate of 0 (hover; more at speed)."""
 
 

@@ -14,7 +14,7 @@ from sitl.camera.mesh import shade
 from sitl.camera.rasterizer import Batch
 from sitl.scenario import Clothes
 
-SKIN, SHIRT, TROUSERS, HAIR, SHOES = range(5)
+SKIN, SHIRT, TROUSERS, SHOES, HAIR = range(5)
 """Materials of the mesh's triangles."""
 
 _SKINS = ((0.94, 0.76, 0.64), (0.82, 0.60, 0.45), (0.62, 0.42, 0.30), (0.42, 0.28, 0.20))
@@ -79,7 +79,7 @@ def _palette(clothes: Clothes, rng: np.random.Generator) -> Vector:
     trousers = colorsys.hsv_to_rgb(rng.uniform(0.56, 0.68), rng.uniform(0.05, 0.6), rng.uniform(0.12, 0.45))
     skin, hair = _SKINS[int(rng.integers(4))], _HAIRS[int(rng.integers(4))]
     given = {SKIN: clothes.skin, SHIRT: clothes.shirt, TROUSERS: clothes.trousers, HAIR: clothes.hair}
-    palette = np.array([skin, shirt, trousers, hair, (0.13, 0.12, 0.12)])
+    palette = np.array([skin, shirt, trousers, (0.13, 0.12, 0.12), hair])
     for material, colour in given.items():
         if colour is not None:
             palette[material] = [int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]

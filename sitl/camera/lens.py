@@ -1,6 +1,6 @@
 """The lens: from rays to pixels with OpenCV's distortion model, and from the pinhole picture to the distorted one.
 
-Pixels count from the outer corner of the top left pixel: the middle of pixel (column, row) is (column + 0.5, row + 0.5).
+Pixels count from the outer corner of the top left pixel: the middle of pixel (column, row) is (column, row) + 0.5.
 """
 
 from __future__ import annotations

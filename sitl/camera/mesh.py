@@ -1,8 +1,9 @@
-"""Shapes of the scenery as textured triangles: quads, boxes, cylinders, leafy crowns; shaded by the sun as they are made."""
+"""Shapes of the scenery as textured triangles: quads, boxes, cylinders, leafy crowns; shaded as they are made."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,9 +32,9 @@ def shade(normals: Vector, sun: Vector) -> Vector:
 
 
 class Mesh:
-    """Collects triangles that share a texture."""
+    """Collects triangles that share a texture, which is only made when there are any."""
 
-    def __init__(self, texture: Image, sun: Vector) -> None:
+    def __init__(self, texture: Callable[[], Image], sun: Vector) -> None:
         self._texture = texture
         self._sun = sun
         self._vertices: list[Vector] = []
@@ -160,6 +161,6 @@ class Mesh:
             triangles=np.concatenate(self._triangles),
             uv=np.concatenate(self._uv),
             colour=rgba,
-            texture=self._texture,
+            texture=self._texture(),
             sky=sky,
         )

@@ -1,7 +1,7 @@
 """Triangles to pictures: Panda3D's software pipe, fed with vertices in the camera's frame.
 
-The camera stands still at the origin of Panda3D's scene; whoever calls moves the vertices. So each vertex can be placed where
-the camera saw it at the time of its own row (rolling shutter), which no fixed camera transform can express.
+The camera stands still at the origin of Panda3D's scene; whoever calls moves the vertices. So each vertex can be placed
+where the camera saw it at the time of its own row (rolling shutter), which no fixed camera transform can express.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from panda3d.core import (
     Geom,
     GeomNode,
     GeomTriangles,
+    GeomVertexArrayData,
     GeomVertexArrayFormat,
     GeomVertexData,
     GeomVertexFormat,
@@ -79,9 +80,9 @@ class Rasterizer:
         self._engine, self._buffer, self._picture = _open(width_px, height_px)
         self._root = NodePath("scene")
         lens = PerspectiveLens()
-        # The pipe's viewport is half a pixel smaller than its buffer each way (TinyGL), and it counts rows from the
-        # bottom of the picture that comes out, because the scene is mirrored top to bottom (see `place`) so that pictures
-        # are upright without a copy. Panda3D's film is measured from its middle.
+        # The pipe's viewport is half a pixel smaller than its buffer each way (TinyGL), and counts rows from the bottom
+        # of the picture that comes out, because the scene is mirrored top to bottom (see `place`) so that pictures are
+        # upright without a copy. Panda3D's film is measured from its middle.
         lens.set_film_size(width_px - 0.5, height_px - 0.5)
         lens.set_focal_length(focal_px)
         lens.set_near_far(NEAR_M, FAR_M)
@@ -108,8 +109,7 @@ class Rasterizer:
         """Say where a batch's vertices are: (V, 3), camera frame (x right, y down, z out), metres."""
         # Panda3D: x right, y ahead, z up; here z down, which mirrors the scene.
         panda = np.ascontiguousarray(camera_points[:, (0, 2, 1)])
-        data = self._nodes[number].modify_geom(0).modify_vertex_data()
-        memoryview(data.modify_array(0)).cast("B").cast("f")[:] = memoryview(panda.ravel())
+        _fill(self._nodes[number].modify_geom(0).modify_vertex_data().modify_array(0), panda)
 
     def show(self, number: int, visible: bool) -> None:
         """Draw a batch from now on, or leave it out."""
@@ -120,8 +120,7 @@ class Rasterizer:
 
     def paint(self, number: int, colour: NDArray[np.uint8]) -> None:
         """Change a batch's vertex colours: (V, 4), red, green, blue, alpha."""
-        data = self._nodes[number].modify_geom(0).modify_vertex_data()
-        memoryview(data.modify_array(2)).cast("B")[:] = memoryview(np.ascontiguousarray(colour).ravel())
+        _fill(self._nodes[number].modify_geom(0).modify_vertex_data().modify_array(2), colour)
 
     def draw(self) -> Image:
         """Render: (height, width, 4), BGRA, upright; valid until the next call."""
@@ -158,15 +157,13 @@ def _node(batch: Batch) -> GeomNode:
     count = len(batch.vertices)
     data = GeomVertexData("batch", _format(), Geom.UH_dynamic)
     data.unclean_set_num_rows(count)
-    uv = np.ascontiguousarray(batch.uv, np.float32)
-    memoryview(data.modify_array(1)).cast("B").cast("f")[:] = memoryview(uv.ravel())
-    memoryview(data.modify_array(2)).cast("B")[:] = memoryview(np.ascontiguousarray(batch.colour, np.uint8).ravel())
+    _fill(data.modify_array(1), batch.uv.astype(np.float32))
+    _fill(data.modify_array(2), batch.colour)
     primitive = GeomTriangles(Geom.UH_static)
     primitive.set_index_type(Geom.NT_uint32)
     indices = primitive.modify_vertices()
     indices.unclean_set_num_rows(batch.triangles.size)
-    flat = np.ascontiguousarray(batch.triangles, np.uint32).ravel()
-    memoryview(indices).cast("B").cast("I")[:] = memoryview(flat)
+    _fill(indices, batch.triangles.astype(np.uint32))
     geom = Geom(data)
     geom.add_primitive(primitive)
     node = GeomNode("batch")
@@ -175,6 +172,11 @@ def _node(batch: Batch) -> GeomNode:
     node.set_bounds(OmniBoundingVolume())
     node.set_final(True)
     return node
+
+
+def _fill(array: GeomVertexArrayData, values: NDArray[np.generic]) -> None:
+    """Copy values into one of Panda3D's arrays, which has the same length in bytes."""
+    np.frombuffer(memoryview(array).cast("B"), np.uint8)[:] = np.ascontiguousarray(values).view(np.uint8).ravel()
 
 
 def _format() -> GeomVertexFormat:

@@ -1,7 +1,7 @@
 """What the camera sees: one picture with lens, rolling shutter, motion blur and sensor noise.
 
-Every vertex is placed where the camera saw it at the time of its own row. The picture is the mean of a few renderings spread
-over the exposure, each shifted by part of a pixel: that is motion blur and antialiasing in one.
+Every vertex is placed where the camera saw it at the time of its own row. The picture is the mean of a few renderings
+spread over the exposure, each shifted by part of a pixel: that is motion blur and antialiasing in one.
 """
 
 from __future__ import annotations
@@ -63,13 +63,12 @@ def matrix_from_wxyz(quaternion: Sequence[float] | Vector) -> Vector:
 class Renderer:
     """Makes the pictures of a scenario's camera, wherever it is."""
 
-    def __init__(self, scenario: Scenario, *, extra: Sequence[Batch] = (), samples: int = 2) -> None:
+    def __init__(self, scenario: Scenario, *, extra: Sequence[Batch] = ()) -> None:
         """Build the scene.
 
         Args:
             scenario: what there is to see, and the camera.
             extra: further things that stand still (markers for tests).
-            samples: renderings per picture, 1, 2 or 4.
 
         Raises:
             VideoError: there is no software renderer.
@@ -78,7 +77,7 @@ class Renderer:
         self.camera = scenario.camera.intrinsics
         self._exposure_s = scenario.camera.exposure_ms / 1000.0
         self._readout_s = scenario.camera.readout_ms / 1000.0
-        self._samples = samples
+        self._samples = scenario.camera.renderings
         self._lens = Lens(self.camera)
         self._sensor = Sensor(scenario)
         canvas = self._lens.canvas
@@ -91,7 +90,9 @@ class Renderer:
         self._still = np.concatenate([batch.vertices for batch in still]).astype(np.float32)
         # What is infinitely far (the sky) does not move with the camera's place.
         counts = [len(batch.vertices) for batch in still]
-        self._anchored = np.repeat(np.float32([0.0 if batch.sky else 1.0 for batch in still]), counts)[:, None]
+        self._anchored = np.repeat(np.array([0.0 if batch.sky else 1.0 for batch in still], np.float32), counts)[
+            :, None
+        ]
         self._people: list[_Figure] = []
         for i, person in enumerate(scenario.people):
             look = Appearance(self.world.body, person.clothes, np.random.default_rng([scenario.seed, 2, i]), self._sun)
@@ -175,6 +176,7 @@ class Renderer:
                 mean = drawn.copy() if self._samples > 1 else drawn
             else:
                 mean = np.asarray(cv2.addWeighted(mean, k / (k + 1.0), drawn, 1.0 / (k + 1.0), 0.0), np.uint8)
+        assert mean is not None
         return np.asarray(cv2.cvtColor(mean, cv2.COLOR_BGRA2BGR), np.uint8)
 
     def _row_delay(self, points: NDArray[np.float32]) -> NDArray[np.float32]:

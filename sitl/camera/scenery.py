@@ -1,4 +1,4 @@
-"""The place where a scenario happens: lawn and paths, houses, trees, street furniture, obstacles, sky; all from the seed.
+"""The place where a scenario happens: lawn, paths, houses, trees, street furniture, obstacles, sky; from the seed.
 
 Nothing of it stands where it could come between the drone and a person, except the scenario's own obstacles.
 """
@@ -6,12 +6,14 @@ Nothing of it stands where it could come between the drone and a person, except 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 
-from mission.records import Vector
+from mission.records import Image, Vector
 from sitl.camera import textures
 from sitl.camera.mesh import Colour, Mesh, sun_direction
 from sitl.camera.rasterizer import Batch
@@ -24,13 +26,15 @@ _WATCHED_S = 25.0
 _SECTORS = 12
 _NEAR_M = 7.0
 _SKY_M = 400.0
+_UP = np.array([0.0, 0.0, 1.0])
+_WOOD: Colour = (0.42, 0.28, 0.16)
 
 
 def scenery(scenario: Scenario) -> list[Batch]:
     """Everything in the scenario that does not move."""
     rng = np.random.default_rng([scenario.seed, 1])
     sun = sun_direction(scenario.light)
-    meshes = _Meshes(rng, sun)
+    meshes = _Meshes(scenario.seed, sun)
     _ground(meshes, rng)
     for obstacle in scenario.obstacles:
         _obstacle(meshes, rng, obstacle)
@@ -66,15 +70,18 @@ def _sectors(batch: Batch) -> list[Batch]:
 class _Meshes:
     """One mesh per texture."""
 
-    def __init__(self, rng: np.random.Generator, sun: Vector) -> None:
-        self.grass = Mesh(textures.grass(rng), sun)
-        self.paving = Mesh(textures.paving(rng), sun)
-        self.bricks = Mesh(textures.bricks(rng), sun)
-        self.fronts = [Mesh(textures.front(rng, columns), sun) for columns in (3, 4, 5)]
-        self.roof = Mesh(textures.roof(rng), sun)
-        self.bark = Mesh(textures.bark(rng), sun)
-        self.leaves = Mesh(textures.leaves(rng), sun)
-        self.plain = Mesh(textures.plain(rng), sun)
+    def __init__(self, seed: int, sun: Vector) -> None:
+        def mesh(number: int, make: Callable[[np.random.Generator], Image]) -> Mesh:
+            return Mesh(lambda: make(np.random.default_rng([seed, 4, number])), sun)
+
+        self.grass = mesh(0, textures.grass)
+        self.paving = mesh(1, textures.paving)
+        self.bricks = mesh(2, textures.bricks)
+        self.roof = mesh(3, textures.roof)
+        self.bark = mesh(4, textures.bark)
+        self.leaves = mesh(5, textures.leaves)
+        self.plain = mesh(6, textures.plain)
+        self.fronts = [mesh(4 + columns, partial(textures.front, columns=columns)) for columns in (3, 4, 5)]
         self.all = [
             self.grass, self.paving, self.bricks, *self.fronts, self.roof, self.bark, self.leaves, self.plain,
         ]  # fmt: skip
@@ -90,8 +97,7 @@ class _ClearRoom:
             walk = Walk(person)
             track = [walk.at(t) for t in np.arange(0.0, _WATCHED_S, 1.0)]
             points.append(np.array([[f.east_m, f.north_m] for f in track]))
-        for obstacle in scenario.obstacles:
-            points.append(_place(obstacle)[None, :2])
+        points.extend(_place(obstacle)[None, :2] for obstacle in scenario.obstacles)
         self._hull = cv2.convexHull(np.concatenate(points).astype(np.float32))
         self._taken: list[tuple[Vector, float]] = []
 
@@ -120,9 +126,9 @@ def _ground(meshes: _Meshes, rng: np.random.Generator) -> None:
     for mesh, cells, repeat_m, wear in ((meshes.grass, ~paved, 3.0, 0.08), (meshes.paving, paved, 2.0, 0.05)):
         quads = corners[cells]
         triangles = np.concatenate([quads[:, (0, 1, 2)], quads[:, (0, 2, 3)]]).astype(np.int32)
-        used, triangles = np.unique(triangles, return_inverse=True)
+        used, renumbered = np.unique(triangles, return_inverse=True)
         colours = np.repeat(1.0 - wear * rng.uniform(0.0, 1.0, (len(used), 1)), 3, 1)
-        mesh.add(vertices[used], triangles.reshape(-1, 3).astype(np.int32), vertices[used, :2] / repeat_m, colours)
+        mesh.add(vertices[used], renumbered.reshape(-1, 3).astype(np.int32), vertices[used, :2] / repeat_m, colours)
 
 
 def _houses(meshes: _Meshes, rng: np.random.Generator, room: _ClearRoom) -> None:
@@ -188,15 +194,15 @@ def _street_furniture(meshes: _Meshes, rng: np.random.Generator, room: _ClearRoo
             continue
         if k % 5 == 0:  # a parked car
             paint: Colour = tuple(rng.uniform(0.15, 0.9, 3))
-            meshes.plain.box(place + [0, 0, 0.3], 2.1 * right, 0.85 * ahead, 0.55, 2.0, paint)
-            meshes.plain.box(place + [0, 0, 0.85], 1.15 * right, 0.75 * ahead, 0.55, 2.0, (0.16, 0.18, 0.20))
+            meshes.plain.box(place + 0.3 * _UP, 2.1 * right, 0.85 * ahead, 0.55, 2.0, paint)
+            meshes.plain.box(place + 0.85 * _UP, 1.15 * right, 0.75 * ahead, 0.55, 2.0, (0.16, 0.18, 0.20))
             for a in (-1.3, 1.3):
                 meshes.plain.box(place + a * right, 0.32 * right, 0.87 * ahead, 0.6, 1.0, (0.08, 0.08, 0.08))
         elif k % 5 == 1:  # a lamp post
             meshes.plain.cylinder(place, 0.07, 0.05, 4.2, (0.30, 0.33, 0.33))
-            meshes.plain.box(place + [0, 0, 4.2], 0.22 * right, 0.12 * ahead, 0.15, 1.0, (0.85, 0.85, 0.8))
+            meshes.plain.box(place + 4.2 * _UP, 0.22 * right, 0.12 * ahead, 0.15, 1.0, (0.85, 0.85, 0.8))
         elif k % 5 == 2:  # a bench
-            meshes.plain.box(place + [0, 0, 0.40], 0.8 * right, 0.22 * ahead, 0.06, 1.0, (0.42, 0.28, 0.16))
+            meshes.plain.box(place + 0.40 * _UP, 0.8 * right, 0.22 * ahead, 0.06, 1.0, _WOOD)
             meshes.plain.box(
                 place + 0.24 * ahead + [0, 0, 0.5], 0.8 * right, 0.03 * ahead, 0.4, 1.0, (0.42, 0.28, 0.16)
             )

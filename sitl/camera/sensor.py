@@ -16,7 +16,8 @@ _BANK_MARGIN_PX = 64
 class Sensor:
     """Turns light into numbers.
 
-    The noise has the same standard deviation at all grey levels: gamma encoding levels out the shot noise of real sensors.
+    The noise has the same standard deviation at all grey levels: gamma encoding evens out the shot noise of real
+    sensors.
     """
 
     def __init__(self, scenario: Scenario) -> None:

@@ -1,7 +1,7 @@
 """The video on the wire: H.264 in MPEG-TS over UDP, as a drone's camera sends it.
 
-Presentation times are capture times (90 kHz) since the stream's start. There are no B-frames and no look-ahead; a key frame
-comes about once a second. Packets leave when they are encoded, or later by the scenario's extra latency.
+Presentation times are capture times (90 kHz) since the stream's start. There are no B-frames and no look-ahead; a key
+frame comes about once a second. Packets leave when they are encoded, or later by the scenario's extra latency.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import time
 from fractions import Fraction
 
 import av
+import cv2
+import numpy as np
 from av.container import OutputContainer
 from av.packet import Packet
 from av.video.frame import PictureType, VideoFrame
@@ -47,7 +49,7 @@ class VideoSender:
         except (av.FFmpegError, ValueError) as error:
             raise VideoError(f"cannot send video to {url}: {error}", "check the address") from error
         self._delay_s = camera.extra_latency_ms / 1000.0
-        self._waiting: list[tuple[float, int, Packet]] = []
+        self._waiting: list[tuple[float, int, Packet[VideoStream]]] = []
         self._count = 0
         self._change = threading.Condition()
         self._closing = False
@@ -58,7 +60,7 @@ class VideoSender:
 
     def send(self, picture: Image, capture_s: float, *, key: bool = False) -> None:
         """Encode a picture taken `capture_s` after the stream's start, and send it after the extra latency."""
-        frame = VideoFrame.from_ndarray(picture, format="bgr24").reformat(format="yuv420p")
+        frame = VideoFrame.from_ndarray(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2YUV_I420), np.uint8), "yuv420p")
         frame.pts = round(capture_s * CLOCK_HZ)
         frame.time_base = Fraction(1, CLOCK_HZ)
         if key:

@@ -1,7 +1,7 @@
 """Textures made from a seed: grass, paving, bricks, fronts of houses, roofs, bark, leaves, cloth and sky.
 
-Every texture is a BGR picture that repeats without a seam (the sky only sideways). They have structure at all scales, as
-real surfaces have, so that trackers, correlation and the video encoder have something true to work on.
+Every texture is a BGR picture that repeats without a seam (the sky only sideways). They have structure at all scales,
+as real surfaces have, so that trackers, correlation and the video encoder have something true to work on.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ def paving(rng: np.random.Generator, size: int = 512, rows: int = 4) -> Image:
     joint = np.zeros((size, size), np.float32)
     joint[::step] = joint[1::step] = 1.0
     joint[:, ::step] = joint[:, 1::step] = 1.0
-    joint = cv2.GaussianBlur(joint, (0, 0), 1.2)[:, :, None]
-    return _image(picture * (1.0 - 0.7 * joint))
+    soft = np.asarray(cv2.GaussianBlur(joint, (0, 0), 1.2))[:, :, None]
+    return _image(picture * (1.0 - 0.7 * soft))
 
 
 def bricks(rng: np.random.Generator, size: int = 256, courses: int = 16) -> Image:

@@ -1,4 +1,4 @@
-"""What a picture should show: where each person's middle is in it, how tall the body appears, and how much is hidden."""
+"""What a picture should show: where each person's middle is in it, and how tall the body appears."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def view_person(
     started_s: float | None,
     scene_started_s: float | None = None,
 ) -> PersonView | None:
-    """Person i as the camera sees them at `t_s`, without rolling shutter; None when not wholly in front of the camera."""
+    """Person i as the camera sees them at `t_s`, without rolling shutter; None when partly behind the camera."""
     surface = world.person_surface(i, t_s, started_s, scene_started_s)
     centroid = world.body.surface_centroid(surface)
     points = (np.vstack([surface, centroid]) - pose.position_enu_m) @ pose.world_from_camera

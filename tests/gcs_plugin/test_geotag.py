@@ -69,10 +69,22 @@ def test_an_answer_without_covariance_or_with_a_number_that_is_not_finite_is_not
         geotag(where=replace(estimate(), covariance=None))
     with pytest.raises(AnswerError, match="not finite"):
         geotag(where=replace(estimate(), position_enu_m=np.array([0.0, math.nan, 0.0])))
+    with pytest.raises(AnswerError, match="not finite"):
+        geotag(where=replace(estimate(), depth_m=math.nan))
+    with pytest.raises(AnswerError, match="not finite"):
+        geotag(geoid_separation_m=math.inf)
     broken = np.eye(6)
     broken[4, 4] = math.inf
     with pytest.raises(AnswerError, match="not finite"):
         geotag(where=replace(estimate(), covariance=broken))
+
+
+def test_what_is_no_covariance_is_not_published() -> None:
+    impossible = np.eye(6)
+    impossible[0, 1] = impossible[1, 0] = 1.5
+    for wrong in (impossible, np.diag([1.0, 1.0, -0.1, 1.0, 1.0, 1.0])):
+        with pytest.raises(AnswerError, match="covariance is impossible"):
+            geotag(where=replace(estimate(), covariance=wrong))
 
 
 def test_time_is_utc_to_the_millisecond_whatever_the_zone_it_came_in() -> None:

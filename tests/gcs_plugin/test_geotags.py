@@ -16,6 +16,7 @@ from typing import TypedDict
 
 import pytest
 
+from gcs_plugin.export import FORMATS
 from gcs_plugin.geotags import GeotagLog, read_geotags
 from mission.errors import AnswerError
 from tests.gcs_plugin.sample import estimate, geotag, jpeg, origin
@@ -77,6 +78,17 @@ def test_what_goes_in_comes_out(tmp_path: Path) -> None:
     assert [entry.geotag.number for entry in logged] == [1, 2, 3]
     assert all(entry.path == log.path and not entry.warning for entry in logged)
     assert log.read() == [replace(tag, number=i + 1) for i, tag in enumerate(tags)]
+
+
+def test_a_file_name_that_is_no_utf8_does_not_cost_the_geotag(tmp_path: Path) -> None:
+    log = GeotagLog(tmp_path / "log.gpkg")
+    tag = geotag()
+    odd = replace(tag, provenance=replace(tag.provenance, sightings_file="fl\udcffght"), notes=("n\udcff",))
+    log.append(odd)
+    (found,) = log.read()
+    assert found.provenance.sightings_file == r"fl\udcffght"
+    for export in FORMATS.values():
+        assert b"flight-1" in export([odd]).encode("utf-8")
 
 
 def test_the_same_geotag_is_not_logged_twice(tmp_path: Path) -> None:

@@ -60,3 +60,28 @@ def test_a_camera_that_looks_sideways_shifts_the_heading() -> None:
     aim = Aim()
     aim.observe(1.0, 0.0)
     assert aim.heading(0.0, camera_azimuth_rad=0.25) == pytest.approx(0.75)
+
+
+def test_a_cautious_aim_does_not_lead_and_follows_slowly() -> None:
+    aim = Aim(cautious=True)
+    for k in range(20):
+        aim.observe(0.0, 0.05 * k)
+    aim.observe(1.0, 1.0)
+    heading = aim.heading(1.0)
+    assert heading is not None
+    assert 0.0 < heading < 0.1
+    assert aim.rate_rad_s == 0.0
+
+
+@given(st.floats(0.0, 0.6), st.floats(0.15, 0.6))
+def test_a_cautious_aim_keeps_the_yaw_loop_stable_whatever_the_delay(delay_s: float, lag_s: float) -> None:
+    """The loop with an aircraft of first order that sees the target with a delay that nobody corrected."""
+    aim, dt = Aim(cautious=True), 0.05
+    headings = [0.3] * 20
+    ordered = 0.3
+    for k in range(400):
+        headings.append(headings[-1] + (ordered - headings[-1]) * (1.0 - math.exp(-dt / lag_s)))
+        then = headings[-1 - round(delay_s / dt)]
+        aim.observe(headings[-1] - then, dt * k)
+        ordered = aim.heading(dt * k) or 0.0
+    assert abs(headings[-1]) < 0.05

@@ -4,13 +4,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from mission.errors import DetectionError, FlightEnded, FlightRefused, LinkError, SidestepError, VideoError
+from mission.drones.drone import Path
+from mission.errors import DetectionError, EstimateRefused, FlightEnded, FlightRefused, LinkError, VideoError
 from mission.locate import Locate
 from mission.located import Located, Stage, TargetChoice
 from mission.records import FlightSightings, Frame
 from mission.settings import MissionSettings
 from mission.track import Track
-from tests.mission.fakes import CAMERA, FakeDrone, FakeVideo, Sight, Walker
+from tests.mission.fakes import CAMERA, FakeDrone, FakeOrder, FakeVideo, Sight, Walker
 
 
 @dataclass
@@ -120,7 +121,7 @@ def test_whoever_takes_the_aircraft_keeps_it(kind: str) -> None:
     scene = Scene()
     fly = scene.drone.fly
 
-    def seized(path):  # type: ignore[no-untyped-def]
+    def seized(path: Path) -> FakeOrder:
         scene.drone.seize(kind, "somebody took the aircraft")
         return fly(path)
 
@@ -163,10 +164,16 @@ def test_a_link_that_goes_silent_is_an_error_of_the_link() -> None:
         scene.run()
 
 
-def test_a_person_who_leaves_early_gives_a_reason_instead_of_a_position() -> None:
+def test_a_person_who_leaves_at_once_gives_a_reason_instead_of_a_position() -> None:
     scene = Scene()
-    scene.sight.gone_from_s = scene.drone.t_s + 1.6
-    with pytest.raises(SidestepError):
+    fly = scene.drone.fly
+
+    def and_leave(path: Path) -> FakeOrder:
+        scene.sight.gone_from_s = scene.drone.t_s + 0.12
+        return fly(path)
+
+    scene.drone.fly = and_leave  # type: ignore[method-assign]
+    with pytest.raises(EstimateRefused):
         scene.run()
     assert not scene.notes.answers
     assert scene.drone.calls[-1] == "hold"

@@ -4,6 +4,7 @@ import multiprocessing
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from multiprocessing.shared_memory import SharedMemory
 
 import numpy as np
@@ -20,9 +21,9 @@ def record(t: float) -> VehicleTruth:
 
 
 @pytest.fixture
-def ring() -> TruthRing:
+def ring() -> Iterator[TruthRing]:
     made = TruthRing.create(seconds=2.0, rate_hz=100.0)
-    yield made  # type: ignore[misc]
+    yield made
     made.close()
     made.unlink()
 

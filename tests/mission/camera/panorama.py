@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -64,15 +65,16 @@ class Flight:
 
     def frames(self) -> Iterator[Frame]:
         rng = np.random.default_rng(self.seed)
-        panorama = texture(rng)
+        panorama = texture(self.seed % 3)
         lens = self.camera.intrinsics
         x, y = np.meshgrid(np.arange(lens.width_px) + 0.5, np.arange(lens.height_px) + 0.5)
         rays = CameraModel(lens).ray(np.column_stack([x.ravel(), y.ravel()]))
         body = rotation(self.camera.mounting.body_from_camera_wxyz)
+        grain = rng.normal(0.0, self.pixel_noise, (lens.height_px, lens.width_px)).astype(np.float32)
         for index in range(int(self.duration_s * self.fps)):
             t_s = index / self.fps + rng.uniform(0.0, 0.004)
             early, late = (t_s + share * self.camera.readout_s for share in (-0.5, 0.5))
-            first, last = (self._world(at) * body for at in (early, late))
+            first, last = (self.attitude(at) * body for at in (early, late))
             share = (y.ravel() / lens.height_px)[:, None]
             world = (1.0 - share) * first.apply(rays) + share * last.apply(rays)
             azimuth = np.arctan2(world[:, 0], world[:, 1])
@@ -87,19 +89,18 @@ class Flight:
                 patch = look(panorama, azimuth - where + 2.0, elevation, (lens.height_px, lens.width_px))
                 mask = inside.reshape(lens.height_px, lens.width_px)
                 image[mask] = patch[mask]
-            noisy = image + rng.normal(0.0, self.pixel_noise, image.shape[:2])[..., None]
+            noisy = image + np.roll(grain, rng.integers(0, grain.size))[..., None]
             yield Frame(np.clip(noisy, 0, 255).astype(np.uint8), t_s + self.offset_s, index)
-
-    def _world(self, t_s: float) -> Rotation:
-        return self.attitude(t_s)
 
 
 def level_pose(t_s: float, world_from_body_wxyz: Vector) -> Pose:
     return Pose(t_s, np.zeros(3), np.zeros(3), world_from_body_wxyz, np.eye(3) * 1e-4, np.eye(3) * 1e-6)
 
 
-def texture(rng: np.random.Generator) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    """Blobs of several sizes, two turns wide so that the seam is never seen."""
+@cache
+def texture(seed: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    """Blobs of several sizes all around the horizon."""
+    rng = np.random.default_rng(seed)
     width, height = round(2.0 * math.pi * _PX_PER_RAD), round(2.0 * _PX_PER_RAD)
     total = np.zeros((height, width, 3), np.float32)
     for cell, strength in ((4, 25.0), (12, 40.0), (40, 40.0)):

@@ -64,14 +64,14 @@ def recorded_errors(name: str, start_s: float, end_s: float) -> Errors:
             w, x, y, z = m.attitude_quaternion
             truth.append((t, *place, *velocity, *to_euler((w, x, y, z))))
     p, a, true = np.array(position), np.array(attitude), np.array(truth)
-    t = np.arange(start_s, end_s, 0.02)
+    grid = np.arange(start_s, end_s, 0.02)
     true[:, 7:] = np.unwrap(true[:, 7:], axis=0)
     a[:, 1:] = np.unwrap(a[:, 1:], axis=0)
-    at = np.stack([np.interp(t, true[:, 0], true[:, k]) for k in range(1, 10)], axis=1)
-    told = np.stack([np.interp(t, p[:, 0], p[:, k]) for k in range(1, 7)], axis=1)
-    turned = np.stack([np.interp(t, a[:, 0], a[:, k]) for k in range(1, 4)], axis=1)
+    at = np.stack([np.interp(grid, true[:, 0], true[:, k]) for k in range(1, 10)], axis=1)
+    told = np.stack([np.interp(grid, p[:, 0], p[:, k]) for k in range(1, 7)], axis=1)
+    turned = np.stack([np.interp(grid, a[:, 0], a[:, k]) for k in range(1, 4)], axis=1)
     difference = np.remainder(turned - at[:, 6:9] + math.pi, 2 * math.pi) - math.pi
-    return Errors(t, told[:, 0:3] - at[:, 0:3], told[:, 3:6] - at[:, 3:6], difference)
+    return Errors(grid, told[:, 0:3] - at[:, 0:3], told[:, 3:6] - at[:, 3:6], difference)
 
 
 def drift(t: Vector, error: Vector, lag_s: float) -> float:

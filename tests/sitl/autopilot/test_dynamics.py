@@ -18,8 +18,9 @@ def lateral_track(flavour: FlavourName, noise: NoiseName, seed: int) -> tuple[fl
     bench = Bench(AutopilotConfig(flavour=flavour, noise=noise, seed=seed, parameters=_KEEP[flavour]))
     bench.hover()
     stream = velocity_step(2.0, 5.0)
-    bench.enter_offboard(lambda t: stream(9.0))
-    bench.run(1.0, lambda t: stream(9.0))
+    stay = velocity_step(0.0, 0.0)
+    bench.enter_offboard(stay)
+    bench.run(1.0, stay)
     bench.path()
     bench.run(8.0, stream)
     track = bench.path()
@@ -80,8 +81,8 @@ def test_ardupilot_overshoots_a_position_and_velocity_path_as_in_the_recorded_fl
         d, v = out_and_back(t)
         return setpoint((state[1], state[0] - d, -state[2]), (0.0, -v, 0.0), yaw=0.0)
 
-    ardupilot.enter_offboard(lambda t: stream(99.0))
-    ardupilot.run(1.0, lambda t: stream(99.0))
+    ardupilot.enter_offboard(lambda _: stream(99.0))
+    ardupilot.run(1.0, lambda _: stream(99.0))
     ardupilot.path()
     ardupilot.run(9.0, stream)
     east = ardupilot.path()[:, 1]
@@ -110,13 +111,13 @@ def heading_change(flavour: FlavourName, seed: int, absolute: bool) -> float:
     bench.enter_offboard(stream)
     bench.run(0.5, stream)
     start = bench.heading_deg()
-    bench.run(5.0, stream)
+    bench.run(4.0, stream)
     return abs(bench.heading_deg() - start)
 
 
 def test_a_yaw_rate_of_zero_holds_the_heading_on_ardupilot_only() -> None:
     assert heading_change("ardupilot", 3, absolute=False) < 1.5
-    drifts = [heading_change("px4", seed, absolute=False) for seed in (1, 2, 3)]
+    drifts = [heading_change("px4", seed, absolute=False) for seed in (1, 2)]
     assert max(drifts) > 2.0
     assert max(drifts) < 15.0
 
@@ -127,8 +128,8 @@ def test_an_absolute_yaw_holds_the_heading(flavour: FlavourName) -> None:
 
 def test_no_yaw_at_all_turns_the_nose_into_the_track_on_ardupilot(ardupilot: Bench) -> None:
     ardupilot.hover()
-    ardupilot.enter_offboard(lambda t: setpoint(velocity_ned=(0.0, 2.0, 0.0)))
-    ardupilot.run(6.0, lambda t: setpoint(velocity_ned=(0.0, 2.0, 0.0)))
+    ardupilot.enter_offboard(lambda _: setpoint(velocity_ned=(0.0, 2.0, 0.0)))
+    ardupilot.run(6.0, lambda _: setpoint(velocity_ned=(0.0, 2.0, 0.0)))
     assert ardupilot.heading_deg() == pytest.approx(90.0, abs=6.0)
 
 
@@ -138,9 +139,9 @@ def test_wind_is_held_against_and_gusts_move_the_aircraft() -> None:
         config = AutopilotConfig(flavour="ardupilot", noise="none", wind=Wind((3.0, 0.0, 0.0), gust))
         bench = Bench(config)
         bench.hover()
-        bench.run(4.0)
+        bench.run(3.0)
         bench.path()
-        bench.run(5.0)
+        bench.run(4.0)
         track = bench.path()
         assert np.ptp(track[:, 1]) < 1.0
         assert abs(bench.autopilot.vehicle.euler[0]) > math.radians(1.0)  # it leans into the wind

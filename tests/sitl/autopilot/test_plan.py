@@ -35,7 +35,7 @@ def upload(bench: Bench, peer: Peer, items: list[Any]) -> int:
 
 
 def mission(bench: Bench) -> list[Any]:
-    places = [(0.0, 0.0, 0.0), (6.0, 0.0, 4.0), (6.0, 5.0, 3.0)]
+    places = [(0.0, 0.0, 0.0), (3.0, 0.0, 3.5), (3.0, 2.0, 3.0)]
     if bench.autopilot.flavour.name == "px4":
         places = places[1:]  # ArduPilot's item 0 is home
     return [waypoint(bench, i, *place) for i, place in enumerate(places)]
@@ -130,9 +130,9 @@ def test_a_mission_is_flown_to_its_end(bench: Bench) -> None:
     else:
         assert bench.peer.command(mavlink.MAV_CMD_MISSION_START) == 0
     assert bench.autopilot.commander.mode is Mode.MISSION
-    bench.run(16.0)
+    bench.run(9.5)
     east, north, up = bench.autopilot.truth.position_enu_m
-    assert (east, north, up) == pytest.approx((6.0, 5.0, 3.0), abs=0.8)
+    assert (east, north, up) == pytest.approx((3.0, 2.0, 3.0), abs=0.8)
     reached = [m.seq for m in bench.peer.of("MISSION_ITEM_REACHED")]
     assert reached[:2] == ([0, 1] if bench.autopilot.flavour.name == "px4" else [1, 2])
     assert bench.autopilot.commander.mode is (Mode.HOLD if bench.autopilot.flavour.name == "px4" else Mode.MISSION)

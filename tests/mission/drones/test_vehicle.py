@@ -1,0 +1,109 @@
+"""What two real autopilots reported, read by `VehicleState`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from mission.drones.modes import ModeKind, flight_mode, mode_parameters
+from mission.drones.pose_quality import noise_model, position_covariance
+from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState
+from tests.mission.tlog import ARDUCOPTER, PX4, messages
+
+
+def _replay(path: Path, until_s: float = 1e9) -> tuple[VehicleState, list[float]]:
+    """The state at a time after the start of the log, and the heights in the air."""
+    state, heights, start = VehicleState(), [], None
+    for arrived, message in messages(path):
+        start = arrived if start is None else start
+        if arrived - start > until_s:
+            break
+        if message.get_type() in VEHICLE_MESSAGES:
+            state.update(message, arrived)
+        if message.get_type() == "LOCAL_POSITION_NED" and state.height_m is not None:
+            heights.append(state.height_m)
+    return state, heights
+
+
+@pytest.mark.parametrize(
+    ("path", "modes"),
+    [(ARDUCOPTER, ["GUIDED", "LOITER", "LAND"]), (PX4, ["Takeoff", "Hold", "Offboard", "Hold", "Land", "Hold"])],
+    ids=["ardupilot", "px4"],
+)
+def test_the_modes_of_a_real_flight_are_seen_each_once_in_order(path: Path, modes: list[str]) -> None:
+    state, _ = _replay(path)
+    assert [mode.name for _, mode in state.take_mode_changes()] == modes
+    assert state.take_mode_changes() == []
+
+
+@pytest.mark.parametrize("path", [ARDUCOPTER, PX4], ids=["ardupilot", "px4"])
+def test_a_real_vehicle_is_healthy_and_flies(path: Path) -> None:
+    state, _ = _replay(path, until_s=16.0)
+    now = state.attitude_s
+    assert now is not None
+    assert state.multicopter
+    assert state.armed
+    assert state.in_air
+    assert state.position_ok(now)
+    assert state.heading_ok(now)
+    assert not state.position_ok(now + 2.0), "stale"
+    assert state.battery_fraction is not None
+
+
+@pytest.mark.parametrize("path", [ARDUCOPTER, PX4], ids=["ardupilot", "px4"])
+def test_the_height_has_no_steps_though_px4_moves_its_home(path: Path) -> None:
+    _, heights = _replay(path, until_s=26.0)
+    hovering = np.array(heights)[-100:]
+    assert hovering.mean() == pytest.approx(3.0, abs=0.5)
+    assert np.abs(np.diff(heights)).max() < 0.15
+
+
+def test_px4s_own_relative_altitude_does_step() -> None:
+    relative = [m.relative_alt * 1e-3 for _, m in messages(PX4) if m.get_type() == "GLOBAL_POSITION_INT"]
+    assert np.abs(np.diff(relative)).max() > 0.5, "if this ends, the detour over the local frame may end, too"
+
+
+def test_the_noise_follows_the_gps_accuracy_that_is_reported() -> None:
+    good, rough, unknown = _replay(ARDUCOPTER)[0], _replay(PX4)[0], VehicleState()
+    assert noise_model(good).position_walk_m_per_sqrt_s == pytest.approx(0.03)
+    assert noise_model(rough).position_walk_m_per_sqrt_s == pytest.approx(0.09)
+    assert noise_model(rough).heading_sigma_rad > 4 * noise_model(good).heading_sigma_rad
+    assert noise_model(unknown) == noise_model(rough), "nothing reported: the worse of the two"
+    assert position_covariance(unknown)[0, 0] > position_covariance(good)[0, 0]
+
+
+def test_broken_values_are_passed_over() -> None:
+    state = _replay(PX4, until_s=16.0)[0]
+    local, nan = state.local, float("nan")
+    packer, parser = mavlink.MAVLink(None, 1, 1), mavlink.MAVLink(None)
+    for message in (
+        mavlink.MAVLink_local_position_ned_message(0, nan, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_attitude_message(0, 0, 0, nan, 0, 0, 0),
+        mavlink.MAVLink_global_position_int_message(0, 0, 0, 0, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0),
+    ):
+        state.update(parser.decode(bytearray(message.pack(packer))), 1e9)
+    assert state.local is local
+    assert state.battery_fraction is None
+    stranger = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 255, 190))
+    mode = state.mode
+    state.update(parser.decode(bytearray(stranger)), 1e9)
+    assert state.mode == mode
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+@pytest.mark.parametrize("kind", ["offboard", "hold", "land"])
+def test_a_mode_that_is_asked_for_is_recognised_in_the_heartbeat(autopilot: str, kind: ModeKind) -> None:
+    flag, two, three = mode_parameters(autopilot, kind)  # type: ignore[arg-type]
+    assert flag == 1.0
+    custom = int(two) << 16 | int(three) << 24 if autopilot == "px4" else int(two)
+    assert flight_mode(autopilot, custom).kind == kind  # type: ignore[arg-type]
+
+
+def test_unknown_modes_are_unknown() -> None:
+    assert flight_mode("px4", 77 << 16).kind == "unknown"
+    assert flight_mode("ardupilot", 4_000_000_000).kind == "unknown"
+    assert flight_mode("other", 4).kind == "unknown"

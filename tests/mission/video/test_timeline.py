@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+
+from mission.video.timeline import Arrivals, LiveTimeline, RecordedTimeline
+
+
+def arrivals(count: int, rng: np.random.Generator) -> list[tuple[float, float]]:
+    """pts, arrival: 20 fps, captured at 1000 + pts, 80 ms delay and up to 30 ms more."""
+    return [(i / 20.0, 1000.0 + i / 20.0 + 0.08 + float(rng.uniform(0.0, 0.03))) for i in range(count)]
+
+
+def test_times_follow_the_sender_and_not_the_jitter_of_the_network() -> None:
+    timeline = LiveTimeline(latency_s=0.08)
+    errors = [timeline.time_of(pts, at) - (1000.0 + pts) for pts, at in arrivals(200, np.random.default_rng(0))]
+    assert max(abs(error) for error in errors[40:]) < 0.004
+
+
+def test_the_latency_is_subtracted() -> None:
+    assert LiveTimeline(0.25).time_of(3.0, 100.0) == pytest.approx(99.75)
+    assert LiveTimeline(0.25).time_of(None, 100.0) == pytest.approx(99.75)
+
+
+def test_the_33_bit_clock_may_wrap() -> None:
+    timeline, wrap = LiveTimeline(), 2.0**33 / 90000.0
+    times = [timeline.time_of((wrap - 1.0 + i / 20.0) % wrap, 500.0 + i / 20.0) for i in range(60)]
+    np.testing.assert_allclose(np.diff(times), 0.05, atol=1e-6)
+
+
+@pytest.mark.parametrize("jump_s", [-3000.0, -2.0, 7200.0])
+def test_a_sender_that_starts_its_clock_anew_is_followed_at_once(jump_s: float) -> None:
+    timeline = LiveTimeline()
+    for i in range(100):
+        timeline.time_of(5000.0 + i / 20.0, 10.0 + i / 20.0)
+    after = [timeline.time_of(5000.0 + i / 20.0 + jump_s, 10.0 + i / 20.0) for i in range(100, 110)]
+    np.testing.assert_allclose(after, [10.0 + i / 20.0 for i in range(100, 110)], atol=1e-6)
+
+
+def test_a_backlog_that_arrives_at_once_does_not_shift_the_times() -> None:
+    timeline = LiveTimeline()
+    for i in range(100):
+        timeline.time_of(i / 20.0, 10.0 + i / 20.0)
+    held_back = [timeline.time_of(i / 20.0, 17.0) for i in range(100, 140)]
+    np.testing.assert_allclose(held_back, [10.0 + i / 20.0 for i in range(100, 140)], atol=1e-6)
+
+
+def test_a_file_starts_where_it_is_told_and_bridges_nonsense() -> None:
+    timeline = RecordedTimeline(50.0, 0.05)
+    pts = [7.0, 7.05, 7.10, 300.0, 300.05, None, 0.0, 0.05]
+    times = [timeline.time_of(at, 0.0) for at in pts]
+    np.testing.assert_allclose(times, 50.0 + 0.05 * np.arange(8), atol=1e-9)
+
+
+def test_times_are_not_relied_on_while_a_backlog_is_read() -> None:
+    timeline = LiveTimeline()
+    settled = []
+    for i in range(30):
+        timeline.time_of(i / 20.0, 10.0 + max(i / 20.0, 0.6 + 0.01 * i))  # the first 0.7 s had piled up
+        settled.append(timeline.settled)
+    assert not any(settled[:15])
+    assert all(settled[20:])
+
+
+def test_a_network_that_never_calms_down_does_not_hold_the_frames_back_for_ever() -> None:
+    timeline = LiveTimeline()
+    for i in range(30):
+        timeline.time_of(i / 20.0, 10.0 + i * 0.044)
+    assert timeline.settled
+
+
+def test_packets_are_remembered_for_a_while() -> None:
+    queue = Arrivals()
+    queue.note(0.2, 1.05)
+    assert queue.of(0.2, 9.0) == 1.05
+    assert queue.of(None, 9.0) == 9.0
+    for i in range(1000):
+        queue.note(10.0 + i, float(i))
+    assert queue.of(0.2, 9.0) == 9.0  # forgotten: the memory is bounded

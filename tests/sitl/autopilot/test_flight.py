@@ -1,0 +1,180 @@
+"""Real MAVSDK and real pymavlink against the process, in real time: one flight for each autopilot."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Awaitable, Callable, Iterator
+
+import pytest
+from mavsdk.asyncio.mavsdk import Mavsdk
+from mavsdk.asyncio.plugins.action import ActionAsync
+from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
+from mavsdk.asyncio.plugins.offboard import OffboardAsync
+from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
+from mavsdk.component_type import ComponentType
+from mavsdk.mavsdk import Configuration
+from mavsdk.plugins.mission_raw import MissionItem
+from mavsdk.plugins.offboard import PositionNedYaw, VelocityNedYaw
+from mavsdk.plugins.telemetry import FlightMode
+from pymavlink import mavutil
+
+from sitl.autopilot import AutopilotConfig, AutopilotProcess, start_autopilot
+from sitl.autopilot.config import FlavourName
+from sitl.truth import TruthRing
+
+pytestmark = pytest.mark.flight
+
+
+@pytest.fixture
+def ring() -> Iterator[TruthRing]:
+    made = TruthRing.create(seconds=60.0, rate_hz=200.0)
+    yield made
+    made.close()
+    made.unlink()
+
+
+@pytest.fixture
+def autopilot(flavour: FlavourName, ring: TruthRing) -> Iterator[AutopilotProcess]:
+    hold = (("COM_OBL_RC_ACT", 5.0),) if flavour == "px4" else ()
+    started = start_autopilot(AutopilotConfig(flavour=flavour, ready_after_s=1.0, parameters=hold), ring.name)
+    yield started
+    started.stop()
+
+
+async def until(what: str, found: Callable[[], Awaitable[bool]], timeout_s: float = 15.0) -> None:
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        if await found():
+            return
+        await asyncio.sleep(0.1)
+    pytest.fail(f"{what}: not within {timeout_s} s")
+
+
+def height(ring: TruthRing) -> float:
+    newest = ring.newest()
+    assert newest is not None
+    return float(newest.position_enu_m[2])
+
+
+def speed(ring: TruthRing) -> float:
+    newest = ring.newest()
+    assert newest is not None
+    return math.hypot(*newest.velocity_enu_m_s[:2])
+
+
+def plan(px4: bool) -> list[MissionItem]:
+    items = [] if px4 else [(37.2276, 126.8405, 0.0)]  # ArduPilot: home first
+    items += [(37.2277, 126.8405, 10.0), (37.2278, 126.8406, 12.0)]
+    nan = math.nan
+    return [
+        MissionItem(i, 6, 16, int(i == 0), 1, 0.0, 0.0, 0.0, nan if px4 else 0.0, round(x * 1e7), round(y * 1e7), z, 0)
+        for i, (x, y, z) in enumerate(items)
+    ]
+
+
+async def fly(flavour: FlavourName, autopilot: AutopilotProcess, ring: TruthRing) -> None:
+    px4 = flavour == "px4"
+    companion = Mavsdk(Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER))
+    await companion.add_any_connection(autopilot.url)
+    system = await companion.first_autopilot(10.0)
+    assert system is not None
+    telemetry, action, offboard = TelemetryAsync(system), ActionAsync(system), OffboardAsync(system)
+    if not px4:
+        await telemetry.set_rate_health(5.0)  # ArduPilot's health stays unknown without
+    await telemetry.set_rate_position(20.0)
+    await telemetry.set_rate_in_air(5.0)
+    await until("healthy", telemetry.health_all_ok)
+
+    missions = MissionRawAsync(system)
+    sent = plan(px4)
+    await missions.upload_mission(sent)
+    back = await missions.download_mission()
+    assert [(i.x, i.y, i.z) for i in back][-2:] == [(i.x, i.y, i.z) for i in sent][-2:]
+    assert len(back) == len(sent)
+
+    await action.set_takeoff_altitude(3.0)
+    await action.arm()
+    await action.takeoff()
+
+    async def up() -> bool:
+        return height(ring) > 2.8 and await telemetry.in_air()
+
+    await until("at 3 m", up)
+
+    place = VelocityNedYaw(0.0, 0.0, 0.0, 0.0)
+    await offboard.set_position_velocity_ned(PositionNedYaw(0.0, 0.0, -3.0, 0.0), place)
+    await offboard.start()
+    assert await offboard.is_active()
+    await offboard.set_position_velocity_ned(PositionNedYaw(0.0, 2.0, -3.0, 0.0), place)
+
+    async def there() -> bool:
+        newest = ring.newest()
+        return newest is not None and math.dist(newest.position_enu_m, (2.0, 0.0, 3.0)) < 0.5
+
+    await until("2 m east", there, 8.0)
+
+    operator = mavutil.mavlink_connection(autopilot.operator_url.replace("://", ":"), source_system=254)
+    operator.mav.heartbeat_send(6, 8, 0, 0, 4)
+    assert operator.wait_heartbeat(timeout=3.0) is not None
+    lat, lon = round(37.2276 * 1e7), round(126.8407 * 1e7)
+    operator.mav.command_int_send(1, 1, 6, 195, 0, 0, 0, 0, 0, 0, lat, lon, 1.0)
+    assert operator.recv_match(type="COMMAND_ACK", blocking=True, timeout=3.0).result == 0
+    roi = autopilot.state()["roi_enu_m"]
+    assert isinstance(roi, list)
+    assert roi[0] == pytest.approx(17.75, abs=0.1)
+
+    main, sub = (4, 3) if px4 else (5, 0)
+    operator.mav.command_long_send(1, 1, 176, 0, 1, main, sub, 0, 0, 0, 0)
+    assert operator.recv_match(type="COMMAND_ACK", blocking=True, timeout=3.0).result == 0
+
+    async def taken() -> bool:
+        return bool(await telemetry.flight_mode() == FlightMode.HOLD)
+
+    await until("the take-over is seen", taken, 3.0)
+    assert autopilot.state()["mode"] == "hold"
+    operator.close()
+
+    await offboard.set_velocity_ned(VelocityNedYaw(0.0, 1.5, 0.0, 0.0))
+    await offboard.start()  # a new order
+
+    async def moving() -> bool:
+        return speed(ring) > 0.8
+
+    await until("it moves", moving, 5.0)
+    companion.destroy()  # the setpoints end
+
+    async def stopped() -> bool:
+        return speed(ring) < 0.3
+
+    await until("it stops by itself", stopped, 8.0)
+    assert autopilot.state()["mode"] == ("hold" if px4 else "offboard")
+    assert height(ring) > 2.0
+
+
+@pytest.mark.timeout(60)
+def test_mavsdk_flies_it_and_an_operator_takes_over(
+    flavour: FlavourName, autopilot: AutopilotProcess, ring: TruthRing
+) -> None:
+    asyncio.run(fly(flavour, autopilot, ring))
+    times = [truth.t_s for truth in ring.history()]
+    assert (len(times) - 1) / (times[-1] - times[0]) == pytest.approx(200.0, abs=5.0)
+
+
+def test_it_serves_tcp_takes_faults_and_ends_with_its_parent() -> None:
+    autopilot = start_autopilot(AutopilotConfig(tcp_port=0, operator_port=None))
+    try:
+        peer = mavutil.mavlink_connection(autopilot.tcp_url.replace("tcpout://", "tcp:"), source_system=254)
+        assert peer.wait_heartbeat(timeout=3.0) is not None
+        autopilot.cut(all_links=True)
+        assert autopilot.state()["armed"] is False  # the order before it has been taken
+        while peer.recv_match() is not None:
+            pass
+        assert peer.recv_match(blocking=True, timeout=0.6) is None
+        autopilot.cut(False, all_links=True)
+        assert peer.wait_heartbeat(timeout=3.0) is not None
+        peer.close()
+    finally:
+        autopilot.stop()
+    assert not autopilot.alive
