@@ -112,7 +112,7 @@ class _Watch:
         return found
 
     def _take(self) -> None:
-        self._drone.telemetry()  # a sign of life: an aircraft whose program falls silent is stopped
+        self._drone.keep_alive()  # a sign of life: an aircraft whose program falls silent is stopped
         frame = self._video.latest(self._index, 0.05)
         now = self._clock()
         if frame is not None:

@@ -24,7 +24,7 @@ _TEXT_S = 3.0
 
 
 class MavsdkControls:
-    """`mission.drones.flight.Controls` on MAVSDK 4. Nothing blocks: requests are answered in the vehicle's state.
+    """`mission.drones.flight_controls.Controls` on MAVSDK 4. Nothing blocks: answers show in the vehicle's state.
 
     MAVSDK repeats the last setpoint at 20 Hz for ever. Destroying its Offboard plugin is the one way to silence it that
     leaves the flight mode alone (`offboard.stop` commands Hold, which would undo what the pilot has just chosen).

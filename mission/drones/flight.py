@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 
 from mission.drones.drone import Bounds, EventKind, OrderState
+from mission.drones.flight_controls import Controls
 from mission.drones.handover import Holding, Landing
 from mission.drones.limits import FlightSettings, Room, limit_exceeded
-from mission.drones.maneuvers import FollowPath, Guidance, Maneuver, Outcome, StandStill, Turn
+from mission.drones.maneuvers import FollowPath, Guidance, Maneuver, StandStill, Turn
 from mission.drones.path_follower import Setpoint, check_path
 from mission.drones.pilot_protocol import EventReport, FlyOrder, OrderReport
 from mission.drones.preconditions import refusal
-from mission.drones.take_off import TakeOff, TakeOffControls
+from mission.drones.take_off import TakeOff
 from mission.drones.takeover import Phase, mode_takeover, sent_elsewhere
 from mission.drones.vehicle import VehicleState
 
@@ -26,26 +26,6 @@ autopilot's own target, reported every 20 ms, until the next setpoint."""
 _RIVAL_MEMORY_S = 2.0
 _TARGET_SETTLES_S = 1.0
 """ArduPilot's report of its target may be from before our setpoints for this long."""
-
-
-class Controls(TakeOffControls, Protocol):
-    """What the pilot can do to the vehicle. Nothing here blocks; results show in the vehicle's state."""
-
-    def setpoint(self, setpoint: Setpoint, yaw_rad: float) -> None:
-        """Send a position and velocity setpoint with an absolute heading; it is repeated until the next one."""
-        ...
-
-    def start(self) -> None:
-        """Ask for the mode that flies setpoints."""
-        ...
-
-    def stop(self) -> None:
-        """Stop the setpoints and ask for hold."""
-        ...
-
-    def release(self) -> None:
-        """Stop the setpoints at once and leave the mode as it is."""
-        ...
 
 
 class Flight:
@@ -87,8 +67,6 @@ class Flight:
         self._holding = Holding(vehicle.mode, 0.0)
         self._landing = Landing(0.0)
         self._rival: tuple[float, str] | None = None
-
-    # What the program says -------------------------------------------------------------------------------------------
 
     def heard(self, now_s: float) -> None:
         """The program is alive."""
@@ -135,10 +113,9 @@ class Flight:
         height = order.height_m
         if self.phase != "idle" or self._control_taken:
             return "a take-off is only flown from the ground, at the start of an order"
-        if height is None or not self._bounds.min_height_m <= height <= self._bounds.max_height_m:
-            return (
-                f"the take-off height is outside {self._bounds.min_height_m:.1f} to {self._bounds.max_height_m:.1f} m"
-            )
+        low, high = self._bounds.min_height_m, self._bounds.max_height_m
+        if height is None or not low <= height <= high:
+            return f"the take-off height is outside {low:.1f} to {high:.1f} m"
         reason = refusal(self._vehicle, self._settings.min_battery_fraction, now_s, on_ground=True)
         if reason is None:
             self._take_off = TakeOff(height, now_s)
@@ -223,8 +200,6 @@ class Flight:
         elif self.phase == "idle":
             self._flying(now_s)
             self._end_order(now_s, OrderState.DONE, "the vehicle was not under our control")
-
-    # What time brings ------------------------------------------------------------------------------------------------
 
     def step(self, now_s: float) -> None:
         """Look at everything once; called at 50 Hz."""
@@ -322,9 +297,7 @@ class Flight:
             self._hold(now_s)
 
     def _step_flying(self, now_s: float) -> None:
-        outcome: Outcome | None = None
-        if self._maneuver is not None:
-            outcome = self._maneuver.step(self._guidance, now_s)
+        outcome = None if self._maneuver is None else self._maneuver.step(self._guidance, now_s)
         self._guidance.slew(now_s)
         reason = self._room.outside(self._guidance.target.position_ned_m)
         if reason:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from mission.drones.drone import OrderState
+from mission.drones.flight_controls import Controls
 from mission.drones.maneuvers import DONE, Outcome
 from mission.drones.modes import FlightMode
-from mission.drones.take_off import TakeOffControls
 from mission.drones.takeover import Takeover
 from mission.drones.vehicle import VehicleState
 
@@ -27,7 +27,7 @@ class Holding:
         self._asked_s = began_s
         self._attempt = 0
 
-    def step(self, vehicle: VehicleState, controls: TakeOffControls, now_s: float) -> Takeover | None:
+    def step(self, vehicle: VehicleState, controls: Controls, now_s: float) -> Takeover | None:
         """What came of it: "mode" when it holds, "pilot" when somebody chose another mode, "failsafe" when nothing."""
         mode = vehicle.mode
         if vehicle.mode_s is not None and vehicle.mode_s > self._began_s:
@@ -52,7 +52,7 @@ class Landing:
         self._asked_s: float | None = None
         self._landing = False
 
-    def step(self, vehicle: VehicleState, controls: TakeOffControls, now_s: float) -> Outcome | None:
+    def step(self, vehicle: VehicleState, controls: Controls, now_s: float) -> Outcome | None:
         """How it came out, when it is over."""
         if not vehicle.armed:
             return DONE

@@ -330,10 +330,3 @@ class MavlinkLink:
                 box.put(message)
         if self._handler is not None and name in self._handled:
             self._handler(message, arrived_s)
-
-
-def loopback_socket() -> socket.socket:
-    """A UDP socket on a free loopback port."""
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    sock.bind(("127.0.0.1", 0))
-    return sock

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import logging
 import math
-import socket
 import threading
 import time
 from collections.abc import Callable
@@ -19,7 +18,8 @@ from pymavlink.dialects.v20 import all as mavlink
 from mission.clock import ClockMap
 from mission.drones.drone import Bounds, Capabilities, DroneEvent, Order, OrderState, Path, Telemetry
 from mission.drones.limits import FlightSettings
-from mission.drones.link import MavlinkLink, loopback_socket
+from mission.drones.link import MavlinkLink
+from mission.drones.loopback import drain, loopback_socket
 from mission.drones.pilot_config import PROGRAM_COMPONENT, PilotConfig
 from mission.drones.pilot_process import PilotProcess, WatchedOrder
 from mission.drones.pilot_protocol import Aim, Begin, FlyOrder, OrderKind
@@ -143,7 +143,7 @@ class MavlinkDrone:
             sock.close()
             self.close()
             raise
-        _drain(sock)
+        drain(sock)
         self._state = VehicleState(system)
         self._link = MavlinkLink(
             sock,
@@ -343,13 +343,3 @@ def _not_a_number(*values: float | None) -> str:
         if any(v is not None and not math.isfinite(v) for v in values)
         else ""
     )
-
-
-def _drain(sock: socket.socket) -> None:
-    """Throw away what came before anybody read it: its arrival times would be wrong."""
-    sock.setblocking(False)
-    for _ in range(100_000):
-        try:
-            sock.recv(65535)
-        except BlockingIOError:
-            return

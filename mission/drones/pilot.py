@@ -31,7 +31,8 @@ from pydantic import ValidationError
 from mission.drones.controls import MavsdkControls
 from mission.drones.drone import EventKind
 from mission.drones.flight import Flight
-from mission.drones.link import MavlinkLink, loopback_socket
+from mission.drones.link import MavlinkLink
+from mission.drones.loopback import loopback_socket
 from mission.drones.pilot_config import MAVSDK_COMPONENT, PILOT_COMPONENT, PROGRAM_COMPONENT, PilotConfig
 from mission.drones.pilot_protocol import (
     MAX_LINE,

@@ -105,6 +105,7 @@ class PilotProcess:
         self._ready: Ready | None = None
         self._failed: Failed | None = None
         self._closing = False
+        self._gone = False
         self._process = _start(config, log)
         self._reader = threading.Thread(target=self._read, name="pilot-reports", daemon=True)
         self._reader.start()
@@ -142,6 +143,8 @@ class PilotProcess:
     def send(self, line: ToPilot) -> bool:
         """Send a line; False when the process is gone."""
         with self._lock:
+            if self._gone:
+                return False
             self._said_s = self._clock()
             try:
                 _pipe(self._process.stdin).write(encode(line))
@@ -190,6 +193,7 @@ class PilotProcess:
             self._take(line)
         now = self._clock()
         with self._lock:
+            self._gone = True
             orders = list(self._orders.values())
             self._orders.clear()
             if not self._closing and self._ready is not None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from typing import Literal
 
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.drones.drone import OrderState
+from mission.drones.flight_controls import Controls
 from mission.drones.maneuvers import DONE, Outcome
 from mission.drones.modes import ModeKind
 from mission.drones.vehicle import VehicleState
@@ -16,26 +17,6 @@ _REPEAT_S = 4.0
 """The controls themselves repeat what is not acknowledged; this repeats what was acknowledged and not done."""
 _SLOW_M_S = 0.25
 _STEADY_S = 0.4
-
-
-class TakeOffControls(Protocol):
-    """What a take-off needs to order."""
-
-    def ask_mode(self, kind: ModeKind, attempt: int) -> None:
-        """Send MAV_CMD_DO_SET_MODE; the answer shows in the vehicle's mode."""
-        ...
-
-    def arm(self) -> None:
-        """Ask to arm; the answer shows in the vehicle's state."""
-        ...
-
-    def take_off(self, height_m: float) -> None:
-        """Send MAV_CMD_NAV_TAKEOFF for a height above the ground."""
-        ...
-
-    def complaint(self) -> str:
-        """Why the autopilot refused the last request, or an empty text."""
-        ...
 
 
 class TakeOff:
@@ -58,7 +39,7 @@ class TakeOff:
         self._steady_since_s: float | None = None
         self._deadline_s = began_s + 3 * _STEP_TIMEOUT_S + 3.0 * height_m
 
-    def step(self, vehicle: VehicleState, controls: TakeOffControls, now_s: float) -> Outcome | None:
+    def step(self, vehicle: VehicleState, controls: Controls, now_s: float) -> Outcome | None:
         """Go on; DONE when it hovers at the height."""
         if self._stage == "mode":
             wanted: ModeKind = "offboard" if vehicle.autopilot == "ardupilot" else "hold"
@@ -78,7 +59,7 @@ class TakeOff:
             return Outcome(OrderState.REFUSED, f"the autopilot does not {what}{_because(controls.complaint())}")
         return None
 
-    def _climb(self, vehicle: VehicleState, controls: TakeOffControls, now_s: float) -> Outcome | None:
+    def _climb(self, vehicle: VehicleState, controls: Controls, now_s: float) -> Outcome | None:
         on_ground = vehicle.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
         if on_ground and vehicle.mode.kind != "take-off" and self._due(now_s):
             controls.take_off(self._height_m)

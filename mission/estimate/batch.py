@@ -7,7 +7,7 @@ but the target eliminated. Same input, same answer, bit for bit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from mission.errors import EstimateRefused
 from mission.estimate.arrow import NotPositiveDefinite
 from mission.estimate.gauss_newton import Minimum, minimise
 from mission.estimate.joint_model import WHITE, JointModel
-from mission.estimate.observations import Observations, observe
+from mission.estimate.observations import Observations, observe, tamed_noise, tamed_prior
 from mission.estimate.posterior import to_estimate
 from mission.estimate.starts import Start, find_starts
 from mission.estimate.wrong_sightings import PIXEL_LIMIT, SIZE_LIMIT, blunder_scores, plausible, worst
@@ -25,6 +25,7 @@ from mission.records import Estimate, FlightSightings
 _RIVAL = 12.0
 """A start whose cost is this much above the best one's (as a share of it, or absolutely) is not tried."""
 _ROUNDS = 12
+_READMISSIONS = 3
 _MAJORITY = 0.55
 """Share of the sightings that must fit a target."""
 _SUSPICIOUS = 2.0
@@ -44,8 +45,10 @@ class Batch:
             raise EstimateRefused(
                 f"{len(seen.t_s)} usable sightings are too few", "Keep the target in view for three sightings or more."
             )
+        flight = replace(flight, noise=tamed_noise(flight.noise), prior=tamed_prior(flight.prior))
         try:
-            return to_estimate(flight, *most_probable(flight, seen))
+            with np.errstate(all="ignore"):  # what overflows ends as a singular matrix, and that is refused
+                return to_estimate(flight, *most_probable(flight, seen))
         except (NotPositiveDefinite, np.linalg.LinAlgError):
             raise EstimateRefused(
                 "The sightings do not determine a position", "Fly further sideways, and keep the target in view."
@@ -64,7 +67,7 @@ def most_probable(flight: FlightSightings, seen: Observations) -> tuple[JointMod
         NotPositiveDefinite: something is not observable.
     """
     found = find_starts(seen, flight.noise, flight.prior)
-    kept = seen if found.right.all() else seen.only(found.right)
+    kept = seen if found.right.all() and found.sized.all() else seen.only(found.right, found.sized)
     best: tuple[JointModel, Minimum] | None = None
     refused = EstimateRefused("No distance explains the sightings", "Check the camera's mounting.")
     for start in found.starts:
@@ -79,7 +82,14 @@ def most_probable(flight: FlightSightings, seen: Observations) -> tuple[JointMod
             best = candidate
     if best is None:
         raise refused
-    model, minimum = best if found.right.all() else _readmitted(seen, found.right, *best)
+    model, minimum = best
+    for _ in range(_READMISSIONS):
+        before = model.count
+        if before == len(seen.t_s):
+            break
+        model, minimum = _readmitted(seen, model, minimum)
+        if model.count <= before:
+            break
     if model.count < _MAJORITY * len(seen.t_s):
         raise EstimateRefused(
             "The sightings contradict each other: no single target explains most of them",
@@ -115,8 +125,11 @@ def _from_start(model: JointModel, start: Start) -> tuple[JointModel, Minimum]:
 def _less(model: JointModel, minimum: Minimum) -> tuple[JointModel | None, NDArray[np.intp]]:
     """The model without the worst blunders, or None when there are none, and the rows that it kept."""
     pixel, size = blunder_scores(model, minimum.at)
-    wrong = worst(pixel, PIXEL_LIMIT)
-    unsized = worst(size, SIZE_LIMIT) & ~wrong
+    # A glitch in one channel spoils the other's scores, so only the worse of the two is looked at.
+    if pixel.max() / PIXEL_LIMIT >= size.max() / SIZE_LIMIT:
+        wrong, unsized = worst(pixel, PIXEL_LIMIT), np.zeros(model.count, dtype=bool)
+    else:
+        wrong, unsized = np.zeros(model.count, dtype=bool), worst(size, SIZE_LIMIT)
     rows = np.flatnonzero(~wrong)
     if not (wrong.any() or unsized.any()) or len(rows) < 3:
         return None, rows
@@ -134,20 +147,19 @@ def _without_blunders(model: JointModel, minimum: Minimum) -> tuple[JointModel, 
     return model, minimum
 
 
-def _readmitted(
-    seen: Observations, right: NDArray[np.bool_], model: JointModel, minimum: Minimum
-) -> tuple[JointModel, Minimum]:
-    """Take back what only the start found wrong: it was rough, and the most probable state knows better."""
+def _readmitted(seen: Observations, model: JointModel, minimum: Minimum) -> tuple[JointModel, Minimum]:
+    """Take back what was found wrong too early: the start was rough, and the most probable state knows better."""
     everything = JointModel(seen, model.noise, model.prior)
     nearest = np.abs(seen.t_s[:, None] - model.seen.t_s).argmin(axis=1)
     state = everything.adopt(model, minimum.at.state, nearest)
-    state.chain[:, WHITE] = 0.0
+    inside = np.isin(seen.index, model.seen.index)
+    state.chain[~inside, WHITE] = 0.0
     at = everything.linearise(state)
     if at is None:
         return model, minimum
-    back = plausible(everything, at) & ~right
+    back = plausible(everything, at) & ~inside
     if not back.any():
         return model, minimum
-    kept = np.isin(seen.index, model.seen.index) | back
+    kept = inside | back
     larger = JointModel(seen.only(kept), model.noise, model.prior)
     return _without_blunders(larger, minimise(larger, larger.adopt(everything, state, np.flatnonzero(kept))))

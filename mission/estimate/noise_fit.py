@@ -35,7 +35,7 @@ from mission.estimate.noise_likelihood import (
     first_order_sigma,
     random_walk_intensity,
 )
-from mission.estimate.observations import observe
+from mission.estimate.observations import observe, tamed_noise, tamed_prior
 from mission.records import FlightSightings, NoiseModel, Sighting, Vector
 
 _PATTERN_RATE = 1.4 * 2.0 * math.pi
@@ -83,9 +83,11 @@ def fit_noise(flight: FlightSightings) -> NoiseModel:
         flight: the sightings with the stated noise model. Sigmas of single sightings keep their ratios: scale them with
             `rescaled`.
     """
+    stated = flight.noise
+    flight = replace(flight, noise=tamed_noise(stated), prior=tamed_prior(flight.prior))
     seen = observe(flight)
     if len(seen.t_s) < 3:
-        return flight.noise
+        return stated
     # From between the good and the bad, so that neither looks like a flight full of wrong sightings.
     log_factors = _expected(_FACTORS[0].middle)
     rate = _PATTERN_RATE / max(float(seen.t_s[-1]), 1e-3)
@@ -95,7 +97,7 @@ def fit_noise(flight: FlightSightings) -> NoiseModel:
             model, minimum = most_probable(current, observe(current))
             log_factors = _fitted(_likelihood(flight, model, minimum), log_factors)
     except (EstimateRefused, NotPositiveDefinite, np.linalg.LinAlgError):
-        return flight.noise
+        return stated
     return _scaled(flight.noise, log_factors, rate)
 
 
@@ -195,7 +197,7 @@ def _uncertainty(posterior: Callable[[Vector], float], best: Vector, value: floa
         offset[place] = _REACH_OF_CURVATURE
         curvature = posterior(best + offset) - 2.0 * value + posterior(best - offset)
         variances[place] = 2.0 * _REACH_OF_CURVATURE**2 / curvature if curvature > 0.0 else math.inf
-    return np.minimum(variances, _SPREADS**2)
+    return np.asarray(np.minimum(variances, _SPREADS**2))
 
 
 def _along(likelihood: Callable[[Vector], float], best: Vector, place: int, reach: float, value: float) -> float:

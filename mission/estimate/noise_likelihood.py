@@ -1,5 +1,4 @@
-"""How likely a flight's residuals are under smooth errors of the pose: restricted likelihood, dense, on thinned
-sightings.
+"""How likely a flight's residuals are under smooth errors of the pose: a dense restricted likelihood.
 
 Real autopilots' position and heading errors are smooth: over a short lag L they change in proportion to L (a
 second-order Gauss-Markov process, correlation (1 + L / tau) exp(-L / tau)), while a first-order process changes with

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mission.camera.model import CameraModel
-from mission.records import CameraIntrinsics, FlightSightings, Matrix, Sighting, Vector
+from mission.records import CameraIntrinsics, FlightSightings, Matrix, NoiseModel, Sighting, TargetPrior, Vector
 
 LEAST_PIXEL_SIGMA_PX = 0.02
 """No measurement in a picture is better than this; it also keeps a stated sigma of zero solvable."""
 LEAST_SIZE_SIGMA = 1e-3
 """The same for the logarithm of the height."""
+LARGEST = 1e6
+"""Sigmas, correlation times and intensities beyond this mean "unknown" or "for ever"."""
+_FARTHEST_TANGENT = 1e3
+"""A pixel this far off the axis, in tangents, is no measurement."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,13 +89,23 @@ def observe(flight: FlightSightings) -> Observations:
         numbers[:, 1:4] - reference,
         _matrices(numbers[:, 4:8]),
         measured,
-        per_ideal / np.maximum(pixel_sigma, LEAST_PIXEL_SIGMA_PX)[:, None, None],
-        np.where(has_size, 1.0 / np.maximum(size_sigma, LEAST_SIZE_SIGMA), 0.0),
+        per_ideal / np.clip(pixel_sigma, LEAST_PIXEL_SIGMA_PX, LARGEST)[:, None, None],
+        np.where(has_size, 1.0 / np.clip(size_sigma, LEAST_SIZE_SIGMA, LARGEST), 0.0),
         reference,
         start,
     )
-    usable: NDArray[np.bool_] = np.isfinite(ideal.sum(axis=1))
+    usable: NDArray[np.bool_] = np.abs(ideal).max(axis=1, initial=0.0) < _FARTHEST_TANGENT  # NaN is not
     return everything if usable.all() else everything.only(usable)
+
+
+def tamed_noise(noise: NoiseModel) -> NoiseModel:
+    """The noise model with `LARGEST` as its largest number."""
+    return NoiseModel(**{field.name: min(getattr(noise, field.name), LARGEST) for field in fields(NoiseModel)})
+
+
+def tamed_prior(prior: TargetPrior) -> TargetPrior:
+    """The prior with `LARGEST` as its largest number."""
+    return TargetPrior(**{field.name: min(getattr(prior, field.name), LARGEST) for field in fields(TargetPrior)})
 
 
 def _in_order(sightings: tuple[Sighting, ...]) -> tuple[list[int], list[Sighting]]:

@@ -26,6 +26,8 @@ _GROSS = 4.5
 _ROBUST = 3.0
 """Sigmas at which the reweighting begins to doubt."""
 _REWEIGHTINGS = 12
+_LARGEST_RATIO = 1.5
+"""Natural logarithm of how far a height may be from the middle one in a start."""
 _MOST = 3
 """Local minima that are looked at."""
 
@@ -49,6 +51,8 @@ class Starts:
     starts: tuple[Start, ...]
     right: NDArray[np.bool_]
     """(n,)."""
+    sized: NDArray[np.bool_]
+    """(n,), which sightings' heights are not glitches."""
 
 
 def find_starts(seen: Observations, noise: NoiseModel, prior: TargetPrior) -> Starts:
@@ -71,7 +75,7 @@ def find_starts(seen: Observations, noise: NoiseModel, prior: TargetPrior) -> St
     starts, misfit = grid.minima(everything)
     right = misfit < _GROSS**2
     if right.all():
-        return Starts(starts, right)
+        return Starts(starts, right, grid.usual_size)
     for _ in range(_REWEIGHTINGS):
         # Geman & McClure's weights: far sightings lose their say.
         grid.solve(1.0 / np.square(1.0 + grid.misfit / _ROBUST**2))
@@ -79,10 +83,10 @@ def find_starts(seen: Observations, noise: NoiseModel, prior: TargetPrior) -> St
     _, misfit = grid.minima((grid.misfit[int(np.argmin(grid.cost))] < _GROSS**2).astype(float))
     right = misfit < _GROSS**2
     if int(right.sum()) < 3:
-        return Starts(starts, np.ones_like(right))
+        return Starts(starts, np.ones_like(right), grid.usual_size)
     grid.solve(np.broadcast_to(right.astype(float), grid.misfit.shape))
     starts, _ = grid.minima(right.astype(float))
-    return Starts(starts, right)
+    return Starts(starts, right, grid.usual_size)
 
 
 class _RangeProfile:
@@ -112,7 +116,12 @@ class _RangeProfile:
         self.place2 = noise.position_sigma_m**2 + noise.position_walk_m_per_sqrt_s**2 * span / 4.0
         self.angle2 = _shared(step, noise.pixel_correlation_s, count) / focal2 + turn2
         self.size_weight = seen.size_scale**2 / _shared(step, noise.size_correlation_s, count)
-        self.sized = bool(seen.size_scale.any())
+        # A height that is far from all others is a glitch.
+        sized = seen.size_scale > 0.0
+        middle = float(np.median(seen.measured[sized, 2])) if sized.any() else 0.0
+        self.usual_size: NDArray[np.bool_] = np.abs(seen.measured[:, 2] - middle) < _LARGEST_RATIO
+        self.size_weight = np.where(self.usual_size, self.size_weight, 0.0)
+        self.sized = bool(self.size_weight.any())
         speed = np.array((prior.speed_sigma_m_s, prior.speed_sigma_m_s, prior.vertical_speed_sigma_m_s))
         wander2 = prior.acceleration_psd_m2_s3 * span * np.array((1.0, 1.0, 0.0))
         self.speed_precision = 1.0 / np.maximum(speed**2 + wander2, 1e-12)

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Literal
 
+import cv2
+
 from mission.errors import VideoError
 from mission.records import Image
 from sitl.camera.airframe import CameraOnAirframe, flies_sideways
@@ -147,6 +149,8 @@ def start_camera(scenario: Scenario, truth_name: str, video_url: str) -> CameraP
 def _camera_main(scenario: Scenario, truth_name: str, video_url: str, pipe: Connection) -> None:
     # Ctrl-C in a terminal reaches the whole group; our parent decides when we end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # The other core belongs to the autopilot and the program under test.
+    cv2.setNumThreads(1)
     try:
         ring = TruthRing.attach(truth_name)
         camera = _Camera(scenario, ring, video_url, pipe)
@@ -218,7 +222,7 @@ class _Camera:
             reached = newest is not None and newest.t_s >= until_s
             if reached or time.monotonic() > give_up_s or (newest is None and time.monotonic() >= until_s):
                 return newest
-            time.sleep(0.002)
+            time.sleep(0.004)
 
     def _wait_until(self, t_s: float) -> bool:
         """Obey orders until a time; False when it is time to end."""

@@ -63,12 +63,13 @@ def matrix_from_wxyz(quaternion: Sequence[float] | Vector) -> Vector:
 class Renderer:
     """Makes the pictures of a scenario's camera, wherever it is."""
 
-    def __init__(self, scenario: Scenario, *, extra: Sequence[Batch] = ()) -> None:
+    def __init__(self, scenario: Scenario, *, extra: Sequence[Batch] = (), samples: int | None = None) -> None:
         """Build the scene.
 
         Args:
             scenario: what there is to see, and the camera.
             extra: further things that stand still (markers for tests).
+            samples: renderings per picture (1, 2 or 4), instead of the scenario's.
 
         Raises:
             VideoError: there is no software renderer.
@@ -77,7 +78,7 @@ class Renderer:
         self.camera = scenario.camera.intrinsics
         self._exposure_s = scenario.camera.exposure_ms / 1000.0
         self._readout_s = scenario.camera.readout_ms / 1000.0
-        self._samples = scenario.camera.renderings
+        self._samples = scenario.camera.renderings if samples is None else samples
         self._lens = Lens(self.camera)
         self._sensor = Sensor(scenario)
         canvas = self._lens.canvas

@@ -7,6 +7,7 @@ frame comes about once a second. Packets leave when they are encoded, or later b
 from __future__ import annotations
 
 import heapq
+import logging
 import threading
 import time
 from fractions import Fraction
@@ -24,6 +25,8 @@ from mission.records import Image
 from sitl.scenario import CameraSettings
 
 CLOCK_HZ = 90_000
+
+_log = logging.getLogger(__name__)
 
 
 class VideoSender:
@@ -52,7 +55,7 @@ class VideoSender:
         self._waiting: list[tuple[float, int, Packet[VideoStream]]] = []
         self._count = 0
         self._change = threading.Condition()
-        self._closing = False
+        self._closing = self._complained = False
         self.muted = False
         """While set, packets are thrown away instead of sent (a cut link)."""
         self._thread = threading.Thread(target=self._send_when_due, name="video-sender", daemon=True)
@@ -100,9 +103,11 @@ class VideoSender:
                 continue
             try:
                 self._container.mux(packet)
-            except ConnectionError:
-                # Nobody listens on a loopback port: UDP says so, and a camera does not mind.
-                continue
+            except (OSError, av.FFmpegError) as error:
+                # Nobody listens on the port yet, or no longer: a camera does not mind, and the packet is lost.
+                if not self._complained:
+                    _log.info("video packets are not delivered: %s", error)
+                self._complained = True
 
 
 def _h264(container: OutputContainer, camera: CameraSettings) -> VideoStream:

@@ -10,7 +10,8 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.drones.framing import decode, frames
-from mission.drones.link import MavlinkLink, loopback_socket
+from mission.drones.link import MavlinkLink
+from mission.drones.loopback import loopback_socket
 from mission.errors import LinkError
 from tests.mission.tlog import ARDUCOPTER
 from tests.mission.tlog import frames as recorded
