@@ -25,6 +25,10 @@ def register(app: typer.Typer) -> None:
         report: Annotated[Path, typer.Option(help="Folder for the flights, answers and pictures.")] = Path("reports"),
         noise: Annotated[str | None, typer.Option(help="good or rough, instead of the scenarios' own.")] = None,
         seed: Annotated[int | None, typer.Option(help="Seed, instead of the scenarios' own.")] = None,
+        autopilot: Annotated[
+            str | None,
+            typer.Option(help="px4:PATH or ardupilot:PATH: your own SITL binary flies.", metavar="KIND:PATH"),
+        ] = None,
         settings: Annotated[Path | None, typer.Option(help="TOML appended to the mission's settings.")] = None,
         quiet: Annotated[bool, typer.Option("--quiet", help="Only the table at the end.")] = False,
     ) -> None:
@@ -39,7 +43,9 @@ def register(app: typer.Typer) -> None:
         for number, scenario in enumerate(planned, start=1):
             console.print(f"[bold]{scenario.name}[/bold] ({number} of {len(planned)})")
             folder = report if len(planned) == 1 else report / scenario.name
-            results.append(fly(scenario, folder, extra_settings=extra, tell=None if quiet else console.print))
+            results.append(
+                fly(scenario, folder, extra_settings=extra, external=autopilot, tell=None if quiet else console.print)
+            )
             _print_result(console, results[-1], folder)
         if len(results) > 1:
             _print_table(console, results)

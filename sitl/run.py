@@ -24,6 +24,7 @@ from mission.camera import Camera, Mounting, write_camera
 from mission.records import GeodeticOrigin, Matrix, Vector
 from sitl.autopilot import AutopilotConfig, Wind, start_autopilot
 from sitl.camera import start_camera
+from sitl.external import start_external
 from sitl.scenario import Scenario
 from sitl.score import Score, score, truth_track
 from sitl.truth import TruthRing
@@ -33,7 +34,7 @@ TRUTH_SPAN_S = 300.0
 TRUTH_RATE_HZ = 250.0
 SETTINGS = """\
 [link]
-url = "udpin://127.0.0.1:{port}"
+url = "{link}"
 
 [video]
 url = "{video}"
@@ -65,13 +66,19 @@ class Result:
 
 
 def fly(
-    scenario: Scenario, report: Path, *, extra_settings: str = "", tell: Callable[[str], None] | None = None
+    scenario: Scenario,
+    report: Path,
+    *,
+    extra_settings: str = "",
+    external: str | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> Result:
     """Fly a scenario, score the answer and write `result.json` into the report folder.
 
     Args:
         scenario: what to fly.
         report: a folder; made when it is not there.
+        external: ``px4:PATH`` or ``ardupilot:PATH``, a user's own autopilot binary instead of the simulated one.
         extra_settings: TOML that is appended to the mission's settings.
         tell: when given, gets each line that `sidestep locate` prints.
 
@@ -79,7 +86,7 @@ def fly(
         SidestepError: the simulator did not start.
     """
     report.mkdir(parents=True, exist_ok=True)
-    with _running(scenario, report, extra_settings) as ring:
+    with _running(scenario, report, extra_settings, external) as ring:
         exit_code, said = _locate(scenario, report, tell)
         result = _scored(scenario, ring, report, exit_code, said)
     text = json.dumps(asdict(result), indent=2)
@@ -88,18 +95,19 @@ def fly(
 
 
 @contextmanager
-def _running(scenario: Scenario, report: Path, extra_settings: str) -> Iterator[TruthRing]:
+def _running(scenario: Scenario, report: Path, extra_settings: str, external: str | None) -> Iterator[TruthRing]:
     """Autopilot and camera, and the settings that lead to them."""
-    port, video_port = _free_udp_port(), _free_udp_port()
-    video = f"udp://127.0.0.1:{video_port}"
-    (report / "sidestep.toml").write_text(SETTINGS.format(port=port, video=video) + extra_settings, encoding="utf-8")
+    video = f"udp://127.0.0.1:{_free_udp_port()}"
     write_camera(report / "camera.toml", camera_of(scenario))
     with ExitStack() as stack:
         ring = TruthRing.create(seconds=TRUTH_SPAN_S, rate_hz=TRUTH_RATE_HZ)
         stack.callback(ring.unlink)
         stack.callback(ring.close)
-        autopilot = start_autopilot(_config(scenario, port), ring.name)
+        config = _config(scenario)
+        autopilot = start_external(external, config, ring.name) if external else start_autopilot(config, ring.name)
         stack.callback(autopilot.stop)
+        text = SETTINGS.format(link=autopilot.url, video=video) + extra_settings
+        (report / "sidestep.toml").write_text(text, encoding="utf-8")
         camera = start_camera(scenario, ring.name, video)
         stack.callback(camera.stop)
         yield ring
@@ -107,7 +115,13 @@ def _running(scenario: Scenario, report: Path, extra_settings: str) -> Iterator[
 
 def _locate(scenario: Scenario, report: Path, tell: Callable[[str], None] | None) -> tuple[int, list[str]]:
     """Run `sidestep locate`, stopped by Ctrl-C when it takes too long."""
-    command = [sys.executable, *__import__("os").environ.get("SIDESTEP_RUN","-m gcs_plugin").split(), "locate", "--settings", str(report / "sidestep.toml")]
+    command = [
+        sys.executable,
+        *__import__("os").environ.get("SIDESTEP_RUN", "-m gcs_plugin").split(),
+        "locate",
+        "--settings",
+        str(report / "sidestep.toml"),
+    ]
     command += ["--take-off", f"{scenario.vehicle.take_off_height_m}"]
     said: list[str] = []
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
@@ -181,7 +195,7 @@ def camera_of(scenario: Scenario) -> Camera:
     )
 
 
-def _config(scenario: Scenario, port: int) -> AutopilotConfig:
+def _config(scenario: Scenario) -> AutopilotConfig:
     autopilot = scenario.autopilot
     towards = math.radians(autopilot.wind_from_deg + 180.0)
     mean = (autopilot.wind_m_s * math.sin(towards), autopilot.wind_m_s * math.cos(towards), 0.0)
@@ -192,7 +206,6 @@ def _config(scenario: Scenario, port: int) -> AutopilotConfig:
         home=scenario.home.origin,
         heading_rad=math.radians(scenario.vehicle.heading_deg),
         wind=Wind(mean, autopilot.gust_m_s),
-        remote_port=port,
         operator_port=None,
     )
 

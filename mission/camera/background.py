@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from mission.camera.model import CameraModel
+from mission.camera.mounting import Mounting
 from mission.records import CameraIntrinsics, Image, Matrix, Vector
 
 _WORK_WIDTH_PX = 320
@@ -19,6 +19,9 @@ _MIN_POINTS = 12
 _BACK_ERROR_PX = 0.5
 _WINDOW = (13, 13)
 _LEVELS = 3
+_ROUNDS = 6
+_SWAY_SIGMA = 0.02
+"""Travel between two frames over the height: 1 m/s at 20 frames/s and 2.5 m."""
 _TUKEY = 4.685
 """Cut of Tukey's biweight in units of sigma: 95 % efficient on Gaussian residuals."""
 
@@ -37,15 +40,17 @@ class Turn:
 class BackgroundRotation:
     """Measures the rotation from frame to frame: corners, pyramidal Lucas-Kanade there and back, a robust fit.
 
-    Translation and things that move by themselves do not follow one rotation; they lose their weight in the fit
+    Things that move by themselves or stand out from the ground do not follow; they lose their weight in the fit
     (Tukey's biweight, starting from the median) and their points are not followed any further.
 
     Args:
         intrinsics: of the frames.
+        mounting: tells where down is while the aircraft is about level.
     """
 
-    def __init__(self, intrinsics: CameraIntrinsics) -> None:
+    def __init__(self, intrinsics: CameraIntrinsics, mounting: Mounting) -> None:
         self._model = CameraModel(intrinsics)
+        self._down: Vector = mounting.body_from_camera.inv().apply([0.0, 0.0, 1.0])
         self._scale = max(1.0, intrinsics.width_px / _WORK_WIDTH_PX)
         self._size = round(intrinsics.width_px / self._scale), round(intrinsics.height_px / self._scale)
         self._last: Image | None = None
@@ -91,7 +96,7 @@ class BackgroundRotation:
         rays = self._model.ray((np.concatenate([old, new]).astype(float) + 0.5) * self._scale)
         rays_old, rays_new = rays[: len(old)], rays[len(old) :]
         finite = np.isfinite(rays_old).all(axis=1) & np.isfinite(rays_new).all(axis=1)
-        vector, weight = _robust_rotation(rays_old[finite], rays_new[finite])
+        vector, weight = _robust_rotation(rays_old[finite], rays_new[finite], self._down)
         kept = np.zeros(len(new), dtype=bool)
         kept[np.flatnonzero(finite)[weight > 0.1]] = True
         self._points = new[kept]
@@ -100,25 +105,46 @@ class BackgroundRotation:
         return Turn(vector, float((new[kept, 1].mean() + 0.5) * self._scale), int(np.count_nonzero(kept)))
 
 
-def _robust_rotation(before: Matrix, now: Matrix) -> tuple[Vector, Vector]:
-    """Rotation vector r with before = exp(r) now for most of the rays (N, 3), and each ray's weight, 0 to 1."""
+def _robust_rotation(before: Matrix, now: Matrix, down: Vector) -> tuple[Vector, Vector]:
+    """Rotation vector r with before = exp(r) now for most of the rays (N, 3), and each ray's weight, 0 to 1.
+
+    Rays that point below the horizon see the ground: a translation T at height h moves them by (ray . down) T / h across
+    the ray (planar parallax), which is estimated along, so that the aircraft's sway is not taken for a turn.
+    """
     weight: Vector = np.ones(len(now))
     if len(now) < 3:
         return np.zeros(3), np.zeros(len(now))
     moved = before - now
     depth = np.maximum(now[:, 2], 0.1)
-    vector: Vector = np.array([-np.median(moved[:, 1] / depth), np.median(moved[:, 0] / depth), 0.0])
-    for _ in range(6):
-        turned = Rotation.from_rotvec(vector)
-        rays = turned.apply(now)
-        residual = before - rays
-        length = np.linalg.norm(residual, axis=1)
+    matrix = _matrix(np.array([-np.median(moved[:, 1] / depth), np.median(moved[:, 0] / depth), 0.0]))
+    sway: Vector = np.zeros(3)
+    for _ in range(_ROUNDS):
+        rays = now @ matrix.T
+        nearness = np.clip(rays @ down, 0.0, None)
+        across = nearness[:, None] * (sway - (rays @ sway)[:, None] * rays)
+        residual = before - rays - across
+        length = np.sqrt(np.einsum("ni,ni->n", residual, residual))
         scale = max(1.4826 * float(np.median(length)) / 1.18, 1e-5)  # the median of a Rayleigh variable is 1.18 sigma
         weight = np.square(np.clip(1.0 - np.square(length / (_TUKEY * scale)), 0.0, None))
-        # d(before - rays) = step x ray, that is the matrix -[ray]x on the step.
-        normal = np.eye(3) * weight.sum() - np.einsum("n,ni,nj->ij", weight, rays, rays)
-        step = np.linalg.solve(normal + 1e-9 * np.eye(3), (weight[:, None] * np.cross(rays, residual)).sum(axis=0))
-        vector = (Rotation.from_rotvec(step) * turned).as_rotvec()
-        if np.linalg.norm(step) < 1e-7:
+        # d(before - rays) = step x ray, that is -[ray]x on the step, and nearness (1 - ray ray') on the sway.
+        jacobian = np.zeros((len(now), 3, 6))
+        x, y, z = rays.T
+        jacobian[:, 0, 1], jacobian[:, 0, 2] = z, -y
+        jacobian[:, 1, 0], jacobian[:, 1, 2] = -z, x
+        jacobian[:, 2, 0], jacobian[:, 2, 1] = y, -x
+        jacobian[:, :, 3:] = nearness[:, None, None] * (np.eye(3) - rays[:, :, None] * rays[:, None, :])
+        flat = jacobian.reshape(-1, 6)
+        weighted = flat * np.repeat(weight, 3)[:, None]
+        prior = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * (scale / _SWAY_SIGMA) ** 2
+        normal = weighted.T @ flat + np.diag(prior + 1e-9)
+        step = np.linalg.solve(normal, weighted.T @ residual.ravel() - prior * np.concatenate([np.zeros(3), sway]))
+        matrix = _matrix(step[:3]) @ matrix
+        sway = sway + step[3:]
+        if np.linalg.norm(step) < 1e-6:
             break
-    return vector, weight
+    vector, _ = cv2.Rodrigues(matrix)
+    return np.asarray(vector, dtype=np.float64).ravel(), weight
+
+
+def _matrix(rotation_vector: Vector) -> Matrix:
+    return np.asarray(cv2.Rodrigues(rotation_vector)[0], dtype=np.float64)

@@ -61,7 +61,7 @@ class TimeOffsetMeter:
 
     def __init__(self, camera: Camera, span_s: float = 30.0, search_s: tuple[float, float] = (-0.2, 0.6)) -> None:
         self._camera = camera
-        self._background = BackgroundRotation(camera.intrinsics)
+        self._background = BackgroundRotation(camera.intrinsics, camera.mounting)
         self._span_s = span_s
         self._search_s = search_s
         self._pairs: deque[_Pair] = deque()

@@ -14,12 +14,12 @@ from mission.drones.path_follower import Setpoint, setpoint_at
 from mission.drones.vehicle import LocalState, VehicleState
 from mission.records import Vector
 
-STILL_M_S = 0.3
-NEAR_M = 0.35
+STILL_M_S = 0.4
+NEAR_M = 0.5
 _FAR_M = 1.0
 """Farther than this from where it should be after all patience, a manoeuvre has failed."""
-_STILL_FOR_S = 0.4
-_PATIENCE_S = 6.0
+_STILL_FOR_S = 0.3
+_PATIENCE_S = 4.0
 _FACING_RAD = math.radians(3.0)
 _FACING_ROUGHLY_RAD = math.radians(8.0)
 _STOPPING_S = 0.5
@@ -114,7 +114,7 @@ class StandStill:
         self._still_since_s: float | None = None
 
     def step(self, guidance: Guidance, now_s: float) -> Outcome | None:
-        """DONE when it was still and near its place for 0.4 s."""
+        """DONE when it was still and near its place for 0.3 s."""
         if not (guidance.still and guidance.off_m < NEAR_M):
             self._still_since_s = None
         elif self._still_since_s is None:
@@ -137,7 +137,7 @@ class Turn:
         self._commanded_s: float | None = None
 
     def step(self, guidance: Guidance, now_s: float) -> Outcome | None:
-        """DONE when the reported heading was within 3 degrees for 0.4 s."""
+        """DONE when the reported heading was within 3 degrees for 0.3 s."""
         if self._heading_rad is not None:
             guidance.aim_rad, self._heading_rad = self._heading_rad, None
             return None

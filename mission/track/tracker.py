@@ -1,9 +1,10 @@
 """The tracker: the same person from frame to frame, or "lost"; never somebody else.
 
-Head and shoulders are followed by correlation in every frame, which is precise but drifts. HOG (every other frame)
-says where the body is sideways, NanoDet (the frames between) how high and how tall it is; both have no memory, so they
-cannot drift, but they swing with the gait: the correlation is anchored to them slowly. Everything is measured in
-upright windows scaled to the body, so that whatever bias there is stays the same at all distances.
+HOG (every other frame) says where the body is sideways: it learnt head, shoulders and torso, so it hardly swings with arms
+and legs. NanoDet (the frames between) says how high and how tall the body is, which HOG does poorly. Neither has a memory,
+so neither drifts, and both look at upright windows scaled to the body, so that whatever bias they have is the same at all
+distances. Correlation of head and shoulders bridges the frames that neither understands; it is not used beyond that, since
+in front of a background that moves it slides off the body. Colours decide whether it is still the same person.
 """
 
 from __future__ import annotations
@@ -270,7 +271,7 @@ class Tracker:
             state=state,
             box=Box(x - 0.2 * height, y - 0.5 * height, 0.4 * height, height),
             pixel=(x, y),
-            pixel_sigma_px=noise.pixel_sigma_px(height, float(target.motion.sigma_px.max())),
+            pixel_sigma_px=noise.pixel_sigma_px(height, float(target.motion.sigma_px.max()), target.cut_off),
             height_px=height if fresh else None,
             size_sigma=noise.size_sigma(height, frame.t_s - target.height_s) if fresh else None,
             score=float(np.clip(score, 0.0, 1.0)),

@@ -118,7 +118,7 @@ def test_a_gap_in_the_telemetry_is_left_out() -> None:
 
 def test_the_pictures_rotation_is_the_cameras() -> None:
     flight = Flight(camera(), lambda t: 0.5 * t, duration_s=0.5, sway_m_s=0.0, person=False)
-    background, times = BackgroundRotation(flight.camera.intrinsics), []
+    background, times = BackgroundRotation(flight.camera.intrinsics, flight.camera.mounting), []
     vectors = []
     for frame in flight.frames():
         turn = background.measure(frame.image)
@@ -133,7 +133,7 @@ def test_the_pictures_rotation_is_the_cameras() -> None:
 
 
 def test_a_featureless_picture_gives_no_rotation() -> None:
-    background = BackgroundRotation(camera().intrinsics)
+    background = BackgroundRotation(camera().intrinsics, Mounting.tilted(0.0))
     grey = np.full((192, 256, 3), 128, np.uint8)
     assert background.measure(grey) is None
     assert background.measure(grey) is None
