@@ -32,8 +32,8 @@ class Turn:
 
     rotation_vector: Vector
     """(3,) rad, in the camera's axes: world_from_camera(now) = world_from_camera(before) * exp(rotation_vector)."""
-    mean_y_px: float
-    """Mean height in the picture of the points that told it (for a rolling shutter)."""
+    row_px: Vector
+    """(3,): height in the picture at which each component holds (a rolling shutter exposed it at that row's time)."""
     points: int
 
 
@@ -96,28 +96,32 @@ class BackgroundRotation:
         rays = self._model.ray((np.concatenate([old, new]).astype(float) + 0.5) * self._scale)
         rays_old, rays_new = rays[: len(old)], rays[len(old) :]
         finite = np.isfinite(rays_old).all(axis=1) & np.isfinite(rays_new).all(axis=1)
-        vector, weight = _robust_rotation(rays_old[finite], rays_new[finite], self._down)
+        row = (new[finite, 1].astype(float) + 0.5) * self._scale
+        vector, weight, row_px = _robust_rotation(rays_old[finite], rays_new[finite], self._down, row)
         kept = np.zeros(len(new), dtype=bool)
         kept[np.flatnonzero(finite)[weight > 0.1]] = True
         self._points = new[kept]
         if np.count_nonzero(kept) < _MIN_POINTS:
             return None
-        return Turn(vector, float((new[kept, 1].mean() + 0.5) * self._scale), int(np.count_nonzero(kept)))
+        return Turn(vector, row_px, int(np.count_nonzero(kept)))
 
 
-def _robust_rotation(before: Matrix, now: Matrix, down: Vector) -> tuple[Vector, Vector]:
-    """Rotation vector r with before = exp(r) now for most of the rays (N, 3), and each ray's weight, 0 to 1.
+def _robust_rotation(before: Matrix, now: Matrix, down: Vector, row: Vector) -> tuple[Vector, Vector, Vector]:
+    """Rotation vector r with before = exp(r) now for most of the rays (N, 3), each ray's weight, and the row of r.
 
-    Rays that point below the horizon see the ground: a translation T at height h moves them by (ray . down) T / h across
-    the ray (planar parallax), which is estimated along, so that the aircraft's sway is not taken for a turn.
+    Rays that point below the horizon see the ground: a translation T at height h moves them by (ray . down) T / h
+    across the ray (planar parallax), which is estimated along, so that the aircraft's sway is not taken for a turn.
+
+    The fit is a weighted mean of what the points say; the same weights make the row (of each component) from theirs.
     """
     weight: Vector = np.ones(len(now))
     if len(now) < 3:
-        return np.zeros(3), np.zeros(len(now))
+        return np.zeros(3), np.zeros(len(now)), np.zeros(3)
     moved = before - now
     depth = np.maximum(now[:, 2], 0.1)
     matrix = _matrix(np.array([-np.median(moved[:, 1] / depth), np.median(moved[:, 0] / depth), 0.0]))
     sway: Vector = np.zeros(3)
+    row_px: Vector = np.zeros(3)
     for _ in range(_ROUNDS):
         rays = now @ matrix.T
         nearness = np.clip(rays @ down, 0.0, None)
@@ -137,13 +141,16 @@ def _robust_rotation(before: Matrix, now: Matrix, down: Vector) -> tuple[Vector,
         weighted = flat * np.repeat(weight, 3)[:, None]
         prior = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * (scale / _SWAY_SIGMA) ** 2
         normal = weighted.T @ flat + np.diag(prior + 1e-9)
-        step = np.linalg.solve(normal, weighted.T @ residual.ravel() - prior * np.concatenate([np.zeros(3), sway]))
+        gradient = weighted.T @ residual.ravel() - prior * np.concatenate([np.zeros(3), sway])
+        by_row = weighted.T @ (flat[:, :3] * np.repeat(row, 3)[:, None])
+        solved = np.linalg.solve(normal, np.column_stack([gradient, by_row]))
+        step, row_px = solved[:, 0], np.diag(solved[:3, 1:])
         matrix = _matrix(step[:3]) @ matrix
         sway = sway + step[3:]
         if np.linalg.norm(step) < 1e-6:
             break
     vector, _ = cv2.Rodrigues(matrix)
-    return np.asarray(vector, dtype=np.float64).ravel(), weight
+    return np.asarray(vector, dtype=np.float64).ravel(), weight, np.asarray(row_px, dtype=np.float64)
 
 
 def _matrix(rotation_vector: Vector) -> Matrix:

@@ -48,6 +48,8 @@ class _Pair:
     from_s: float
     to_s: float
     rotation_vector: Vector
+    shutter_s: Vector
+    """(3,): when, after the frames' times, each component was exposed."""
 
 
 class TimeOffsetMeter:
@@ -75,8 +77,8 @@ class TimeOffsetMeter:
             self._background.restart()
         turn = self._background.measure(frame.image)
         if turn is not None and self._last_s is not None:
-            shutter_s = self._camera.row_time_s(0.0, turn.mean_y_px)
-            self._pairs.append(_Pair(self._last_s + shutter_s, frame.t_s + shutter_s, turn.rotation_vector))
+            shutter_s = np.array([self._camera.row_time_s(0.0, float(row)) for row in turn.row_px])
+            self._pairs.append(_Pair(self._last_s, frame.t_s, turn.rotation_vector, shutter_s))
         self._last_s = frame.t_s
         while self._pairs and frame.t_s - self._pairs[0].from_s > self._span_s:
             self._pairs.popleft()
@@ -108,8 +110,9 @@ class TimeOffsetMeter:
         known = reported.known(spans - low) & reported.known(spans - high)
         if np.count_nonzero(known) < _MIN_PAIRS:
             return "too little telemetry covers the frames"
-        spans, seen = spans[known], seen[known]
         axis = int(np.argmax(np.ptp(reported.angle_rad, axis=0)))
+        shutter_s = np.array([pair.shutter_s[axis] for pair in self._pairs])
+        spans, seen = (spans + shutter_s[:, None])[known], seen[known]
         rates = RateMatch(spans, seen[:, axis], lambda shifted: reported.turn(shifted)[:, axis])
         offset_s = rates.best_offset(low, high)
         turned_rad = rates.turned_rad(offset_s)

@@ -20,6 +20,8 @@ VERSION = 1
 _UNIT_TOLERANCE = 1e-3
 """How far a quaternion's norm may be from one: four written decimals, no more."""
 
+_EXACT = 1e-12
+
 _DATUMS: Mapping[str, Datum] = {"ellipsoid": "ellipsoid", "amsl": "amsl", "home": "home"}
 
 
@@ -64,7 +66,7 @@ def flight_id(record: Mapping[str, object]) -> str:
 
 
 def parse_sighting(record: Mapping[str, object]) -> Sighting:
-    """A sighting line; the quaternion is normalised exactly.
+    """A sighting line; a quaternion that is not exactly a unit one is normalised.
 
     Raises:
         FieldError: a field is missing or wrong.
@@ -73,6 +75,8 @@ def parse_sighting(record: Mapping[str, object]) -> Sighting:
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     if not abs(norm - 1.0) <= _UNIT_TOLERANCE:
         raise FieldError(f'"world_from_camera_wxyz" is not a unit quaternion (its norm is {norm:.6g})')
+    if abs(norm - 1.0) < _EXACT:
+        norm = 1.0  # so that a flight that was written reads back bit for bit
     east, north, up = _numbers(record, "position_enu_m", 3)
     u, v = _numbers(record, "pixel", 2)
     return Sighting(
