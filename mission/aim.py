@@ -1,19 +1,31 @@
-"""The heading that keeps the target in the middle of the picture while the aircraft flies past it."""
+"""The heading that keeps the target in the middle of the picture while the aircraft flies past it.
+
+Most of the target's apparent motion is the aircraft's own, and that is known. So the filter follows a point on the
+ground: along the bearing, at a presumed distance that the target's apparent height suggests. Where the presumption is
+wrong, the point moves a little, and the filter follows. Nothing but the heading hangs on it.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mission.records import Vector
 
 LOOK_AHEAD_S = 0.2
 """How long an aircraft takes to follow a new heading, about: the aim leads by this."""
-BANDWIDTH_S = 0.25
-"""Time over which the filter believes its azimuth rate."""
+BANDWIDTH_S = 0.3
+"""Time over which the filter believes its velocity."""
 CAUTIOUS_BANDWIDTH_S = 1.0
 """While the video's delay is not known, the aircraft's own turning looks like the target's: then the aim follows slowly
 and does not lead, which keeps the yaw loop stable for delays of half a second and more."""
-LARGEST_RATE_RAD_S = 1.5
-"""A faster azimuth rate is a wrong sighting, not a target."""
+LARGEST_SPEED_M_S = 3.0
+"""A point that moves faster is a wrong sighting, not a target."""
+LARGEST_LEAD_S = 0.8
+PRESUMED_HEIGHT_M = 1.7
+PRESUMED_RANGE_M = (1.5, 40.0)
 
 
 def wrapped(angle_rad: float) -> float:
@@ -21,49 +33,61 @@ def wrapped(angle_rad: float) -> float:
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
+def presumed_range(height_px: float | None, focal_px: float) -> float:
+    """Distance (m) at which somebody of ordinary height looks this tall; 10 m where the height is not known."""
+    if height_px is None or height_px <= 0.0:
+        return 10.0
+    return min(PRESUMED_RANGE_M[1], max(PRESUMED_RANGE_M[0], focal_px * PRESUMED_HEIGHT_M / height_px))
+
+
 @dataclass(slots=True)
 class Aim:
-    """An alpha-beta filter on the target's azimuth (critically damped, for any frame interval)."""
+    """An alpha-beta filter on the presumed point (critically damped, for any frame interval)."""
 
-    azimuth_rad: float | None = None
-    rate_rad_s: float = 0.0
-    t_s: float = 0.0
+    range_m: float = 10.0
+    """Presumed distance of the first bearing."""
     cautious: bool = False
-    """Whether the times of the azimuths are uncertain."""
+    """Whether the times of the bearings are uncertain."""
+    point_m: Vector | None = None
+    """East, north; shape (2,)."""
+    velocity_m_s: Vector = field(default_factory=lambda: np.zeros(2))
+    t_s: float = 0.0
 
-    def observe(self, azimuth_rad: float, t_s: float) -> None:
-        """Take in an azimuth (clockwise from north) seen at a program time; older ones than the newest are ignored."""
-        if self.azimuth_rad is None:
-            self.azimuth_rad, self.t_s = azimuth_rad, t_s
+    def observe(self, azimuth_rad: float, camera_m: Vector, t_s: float) -> None:
+        """Take in a bearing; older ones than the newest are ignored.
+
+        Args:
+            azimuth_rad: clockwise from north.
+            camera_m: where the camera was, east and north first.
+            t_s: program time of the picture.
+        """
+        towards = np.array([math.sin(azimuth_rad), math.cos(azimuth_rad)])
+        if self.point_m is None:
+            self.point_m, self.t_s = camera_m[:2] + self.range_m * towards, t_s
             return
         dt = t_s - self.t_s
         if dt <= 0.0:
             return
+        expected = self.point_m + self.velocity_m_s * dt
+        away = max(PRESUMED_RANGE_M[0], float(np.linalg.norm(expected - camera_m[:2])))
+        innovation = camera_m[:2] + away * towards - expected
         if self.cautious:
-            innovation = wrapped(azimuth_rad - self.azimuth_rad)
-            self.azimuth_rad = wrapped(self.azimuth_rad + (1.0 - math.exp(-dt / CAUTIOUS_BANDWIDTH_S)) * innovation)
-            self.t_s = t_s
-            return
-        fade = math.exp(-dt / BANDWIDTH_S)
-        alpha, beta = 1.0 - fade**2, (1.0 - fade) ** 2
-        innovation = wrapped(azimuth_rad - (self.azimuth_rad + self.rate_rad_s * dt))
-        self.azimuth_rad = wrapped(self.azimuth_rad + self.rate_rad_s * dt + alpha * innovation)
-        rate = self.rate_rad_s + beta * innovation / dt
-        self.rate_rad_s = max(-LARGEST_RATE_RAD_S, min(LARGEST_RATE_RAD_S, rate))
+            self.point_m = expected + (1.0 - math.exp(-dt / CAUTIOUS_BANDWIDTH_S)) * innovation
+        else:
+            fade = math.exp(-dt / BANDWIDTH_S)
+            self.point_m = expected + (1.0 - fade**2) * innovation
+            velocity = self.velocity_m_s + (1.0 - fade) ** 2 * innovation / dt
+            speed = float(np.linalg.norm(velocity))
+            self.velocity_m_s = velocity * min(1.0, LARGEST_SPEED_M_S / max(speed, 1e-9))
         self.t_s = t_s
 
-    def predicted(self, t_s: float) -> float:
-        """Azimuth at a later time if its rate stays; 0 before the first sighting."""
-        return wrapped((self.azimuth_rad or 0.0) + self.rate_rad_s * (t_s - self.t_s))
+    def trusting(self) -> Aim:
+        """The same aim, now that the times of the bearings are known."""
+        return Aim(self.range_m, False, self.point_m, np.zeros(2), self.t_s)
 
-    def heading(self, now_s: float, camera_azimuth_rad: float = 0.0) -> float | None:
-        """The heading to order now, or None before the first sighting.
-
-        Args:
-            now_s: program time.
-            camera_azimuth_rad: azimuth of the camera's axis relative to the nose (0 for a forward camera).
-        """
-        if self.azimuth_rad is None:
+    def azimuth(self, t_s: float, camera_m: Vector) -> float | None:
+        """The point's azimuth (clockwise from north) from a camera position; None before the first bearing."""
+        if self.point_m is None:
             return None
-        ahead = min(0.6, now_s - self.t_s + LOOK_AHEAD_S)
-        return wrapped(self.predicted(self.t_s + ahead) - camera_azimuth_rad)
+        east, north = self.point_m + self.velocity_m_s * min(LARGEST_LEAD_S, t_s - self.t_s) - camera_m[:2]
+        return math.atan2(east, north)

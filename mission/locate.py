@@ -6,16 +6,13 @@ knows aircraft only as `Drone` and reports only to its `Watcher`.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
-from mission.aim import Aim, wrapped
 from mission.camera.camera import Camera
 from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
+from mission.centring import Centring
 from mission.detect import Detector, choose
 from mission.drones.drone import Drone
 from mission.errors import DetectionError, EstimateRefused, FlightEnded, LinkError, VideoError
@@ -24,53 +21,17 @@ from mission.estimate.noise_fit import fit_noise, rescaled
 from mission.flight_loop import FlightLoop
 from mission.flight_record import FlightRecord
 from mission.located import Located, Stage, TargetChoice, Watcher
-from mission.pattern import lateral_path
-from mission.pose import Pose
-from mission.records import Box, Detection, FlightSightings, Frame, GeodeticOrigin
+from mission.pattern import fitted, lateral_path
+from mission.pointing import Pointing, TargetTracker
+from mission.records import Detection, FlightSightings, GeodeticOrigin
 from mission.settings import MissionSettings
-from mission.sighting import azimuth_of, rotation_shift, world_from_camera
-from mission.track import Track
 from mission.video import VideoSource
 
 SAME_PERSON = 0.3
 """Overlap of two looks' boxes that are the same person."""
-CENTRED_RAD = math.radians(3.0)
-CENTRE_TIMEOUT_S = 12.0
-STEADY_S = 0.4
-"""The target is centred when it has been for this long."""
-WIGGLE_RAD = math.radians(10.0)
-WIGGLE_PERIOD_S = 1.6
-WIGGLE_TURNS = 1.0
 ORDER_TIMEOUT_S = 15.0
 LOCAL_ORIGIN = GeodeticOrigin(0.0, 0.0, 0.0)
 """Stands for an unknown place, for aircraft without a global position."""
-
-
-class TargetTracker(Protocol):
-    """Keeps to one person from frame to frame (`mission.track.Tracker`)."""
-
-    def start(self, frame: Frame, box: Box) -> None:
-        """The target is in this box."""
-        ...
-
-    def update(self, frame: Frame, shift_px: tuple[float, float] = (0.0, 0.0)) -> Track:
-        """Where it is in the next frame; `shift_px` is the image motion that the camera's rotation explains."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class _Wiggle:
-    """A yaw to and fro around where the target is expected."""
-
-    aim: Aim
-    started_s: float
-
-    def over(self, now_s: float) -> bool:
-        return now_s - self.started_s > WIGGLE_TURNS * WIGGLE_PERIOD_S
-
-    def azimuth(self, now_s: float) -> float:
-        phase = 2.0 * math.pi * (now_s - self.started_s) / WIGGLE_PERIOD_S
-        return self.aim.predicted(now_s) + WIGGLE_RAD * math.sin(phase)
 
 
 class Locate:
@@ -107,10 +68,8 @@ class Locate:
         self._watcher = watcher
         self._clock = clock
         self._loop = FlightLoop(drone, video, aborted, clock)
-        self._aim = Aim(cautious=settings.video.check_offset)
         self._tracker = tracker
-        self._pose_before: Pose | None = None
-        self._offset_s = 0.0
+        self._pointing = Pointing(drone, camera, tracker, cautious=settings.video.check_offset)
 
     def run(self, choice: TargetChoice, flight_id: str) -> Located:
         """Fly the whole procedure once.
@@ -168,81 +127,36 @@ class Locate:
         )
 
     def _centre(self) -> TimeOffset | None:
-        """Turn to the target, and measure the video's time offset on that turn or on a short wiggle after it."""
-        self._watcher.stage(Stage.CENTRE, "turning to the target")
-        meter = TimeOffsetMeter(self._camera)
-        centred_since_s: float | None = None
-        wiggle: _Wiggle | None = None
-        offset: TimeOffset | None = None
-        measuring = self._settings.video.check_offset
-        for frame in self._loop.frames(CENTRE_TIMEOUT_S):
-            track = self._follow(frame)
-            if track.state == "lost":
-                raise DetectionError("the target was lost while turning to it", "Try again, or choose it by a box.")
-            now = self._clock()
-            if measuring:
-                meter.add(frame)
-            if wiggle is not None and measuring:
-                if not wiggle.over(now):
-                    self._drone.aim(wrapped(wiggle.azimuth(now) - self._camera_azimuth()))
-                    continue
-                offset = self._take_offset(meter)
-                measuring = False
-            heading = self._aim.heading(now, self._camera_azimuth())
-            if heading is None:
-                continue
-            self._drone.aim(heading)
-            off_axis = math.atan((track.pixel[0] - self._camera.intrinsics.cx) / self._camera.intrinsics.fx)
-            centred_since_s = None if abs(off_axis) > CENTRED_RAD else centred_since_s or now
-            if centred_since_s is None or now - centred_since_s < STEADY_S:
-                continue
-            if not measuring:
-                return offset
-            # The first turn may have been enough to tell.
-            if meter.measure(self._drone.pose_at) is not None:
-                return self._take_offset(meter)
-            self._watcher.stage(Stage.CENTRE, "a short yaw wiggle measures the video's time offset")
-            wiggle, centred_since_s = _Wiggle(replace(self._aim), now), None
-        self._watcher.stage(Stage.CENTRE, "the target is not quite centred; going on")
-        return self._take_offset(meter) if measuring else offset
-
-    def _take_offset(self, meter: TimeOffsetMeter) -> TimeOffset | None:
-        """Measure the time offset and use it from here on; bearing rates so far were of other times, so forget them."""
-        offset = meter.measure(self._drone.pose_at)
-        if offset is None:
-            self._watcher.stage(Stage.CENTRE, f"{meter.reason}; the camera's latency is used as it is")
-            self._aim = replace(self._aim, cautious=False)
-            return None
-        self._offset_s = offset.offset_s
-        self._aim = replace(self._aim, rate_rad_s=0.0, cautious=False)
-        self._pose_before = None
-        self._watcher.stage(
-            Stage.CENTRE, f"video runs {1e3 * offset.offset_s:.0f} ms behind telemetry (+-{1e3 * offset.sigma_s:.0f})"
-        )
-        return offset
+        meter = TimeOffsetMeter(self._camera) if self._settings.video.check_offset else None
+        return Centring(self._loop, self._drone, self._pointing, meter, self._watcher, self._clock).run()
 
     def _sidestep(self, flight_id: str) -> FlightRecord:
-        azimuth = self._aim.azimuth_rad
+        azimuth = self._pointing.azimuth(self._clock())
         if azimuth is None:
             raise DetectionError("the target's bearing is not known", "Wait for telemetry and try again.")
-        path = lateral_path(self._settings.pattern, azimuth)
-        self._watcher.stage(
-            Stage.SIDESTEP,
-            f"{self._settings.pattern.kind}, {self._settings.pattern.length_m:.1f} m, {path.duration_s:.0f} s",
-        )
+        pattern = fitted(self._settings.pattern, self._pointing.presumed_range_m())
+        path = lateral_path(pattern, azimuth)
+        self._watcher.stage(Stage.SIDESTEP, f"{pattern.kind}, {pattern.length_m:.1f} m, {path.duration_s:.0f} s")
         record = FlightRecord(flight_id, self._camera, interval_s=path.duration_s / 15.0)
         moving_aim = self._settings.pattern.kind != "paper"
-        self._loop.fly(self._drone.fly(path))
+        order = self._drone.fly(path)
+        self._loop.fly(order)
         try:
-            for frame in self._loop.until_done(path.duration_s + ORDER_TIMEOUT_S):
-                track = self._follow(frame)
+            for frame in self._loop.frames(path.duration_s + ORDER_TIMEOUT_S):
+                # The order is done when the aircraft is at rest again; the pattern's last frame is sooner than that.
+                if (
+                    order.started_s is not None
+                    and frame.t_s - self._pointing.offset_s > order.started_s + path.duration_s
+                ):
+                    break
+                track = self._pointing.follow(frame)
+                self._watcher.frame(frame, track)
                 record.add(frame, track)
                 if track.state == "lost":
                     self._watcher.stage(Stage.SIDESTEP, "the target was lost; using what was seen")
                     break
-                heading = self._aim.heading(self._clock(), self._camera_azimuth())
-                if moving_aim and heading is not None:
-                    self._drone.aim(heading)
+                if moving_aim:
+                    self._pointing.steer(self._clock())
         except (FlightEnded, LinkError, VideoError):
             self._watcher.sightings(self._flight(record))
             raise
@@ -261,7 +175,7 @@ class Locate:
         self._watcher.sightings(flight)
         estimate = ESTIMATORS["batch"].estimate(flight)
         comparisons = []
-        for name in (n for n in ("stereo", "three-image", "four-image") if n in ESTIMATORS):
+        for name in ("stereo", "three-image", "four-image"):
             try:
                 comparisons.append(ESTIMATORS[name].estimate(flight))
             except EstimateRefused:
@@ -272,7 +186,7 @@ class Locate:
             comparisons=tuple(comparisons),
             geodetic=self._drone.origin is not None,
             offset=offset,
-            drone_track=record.drone_track(self._drone.pose_at, self._offset_s),
+            drone_track=record.drone_track(self._drone.pose_at, self._pointing.offset_s),
             key_frames=tuple(record.key_frames),
             target_picture=record.target_picture(),
             last_frame_s=last_frame_s,
@@ -282,30 +196,7 @@ class Locate:
         return record.sightings(
             self._drone.origin or LOCAL_ORIGIN,
             self._drone.pose_at,
-            self._offset_s,
+            self._pointing.offset_s,
             self._drone.noise(),
             self._settings.prior.prior(),
         )
-
-    def _follow(self, frame: Frame) -> Track:
-        """Track the target into a frame and take its azimuth into the aim."""
-        pose = self._drone.pose_at(frame.t_s - self._offset_s)
-        shift = (0.0, 0.0)
-        if pose is not None and self._pose_before is not None:
-            centre = (self._camera.intrinsics.cx, self._camera.intrinsics.cy)
-            shift = rotation_shift(centre, self._pose_before, pose, self._camera)
-        track = self._tracker.update(frame, shift)
-        if pose is not None:
-            self._pose_before = pose
-            if track.state == "tracking":
-                self._aim.observe(azimuth_of(track.pixel, pose, self._camera), pose.t_s)
-        self._watcher.frame(frame, track)
-        return track
-
-    def _camera_azimuth(self) -> float:
-        """Azimuth of the camera's axis relative to the nose."""
-        if self._pose_before is None:
-            return 0.0
-        axis = world_from_camera(self._pose_before, self._camera).apply([0.0, 0.0, 1.0])
-        heading = self._drone.telemetry().heading_rad
-        return 0.0 if heading is None else wrapped(math.atan2(axis[0], axis[1]) - heading)

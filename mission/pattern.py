@@ -19,11 +19,28 @@ PAPER_BASELINE_M = (0.0, 0.0, 0.4750, 0.5175, 0.7575, 0.9125, 1.005, 1.0875, 1.2
 """Travel since the previous image, images 0 to 10 (Table II)."""
 
 KNOT_INTERVAL_S = 0.1
+LARGEST_SHARE = 0.9
+"""Length of the pattern over the target's distance: 42 degrees to the side."""
 
 
 def left_of(heading_rad: float) -> Vector:
     """Unit vector to the left of a heading (clockwise from north), ENU, shape (3,)."""
     return np.array([-np.cos(heading_rad), np.sin(heading_rad), 0.0])
+
+
+def fitted(settings: PatternSettings, range_m: float) -> PatternSettings:
+    """The pattern, shortened where the aircraft could not turn fast enough to keep so near a target in view.
+
+    A near target needs less: what counts is the angle under which it is seen to move. The distance is only presumed, so
+    this decides how far is flown, and nothing else.
+
+    Args:
+        settings: the pattern wanted. The paper's own is never changed.
+        range_m: about how far away the target is.
+    """
+    if settings.kind == "paper":
+        return settings
+    return settings.model_copy(update={"length_m": max(1.0, min(settings.length_m, LARGEST_SHARE * range_m))})
 
 
 def lateral_path(settings: PatternSettings, heading_rad: float) -> Path:

@@ -45,6 +45,12 @@ def azimuth_of(pixel: tuple[float, float], pose: Pose, camera: Camera) -> float:
     return float(np.arctan2(ray[0], ray[1]))
 
 
+def roll_of(pose: Pose, camera: Camera) -> float:
+    """Roll of the camera about its optical axis, radians, positive with the right side of the picture down."""
+    right, down = world_from_camera(pose, camera).apply([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    return float(np.arctan2(-right[2], -down[2]))
+
+
 def rotation_shift(pixel: tuple[float, float], before: Pose, now: Pose, camera: Camera) -> tuple[float, float]:
     """How far a distant point at `pixel` moves in the image by the camera's rotation alone, pixels (x, y)."""
     model = CameraModel(camera.intrinsics)

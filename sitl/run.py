@@ -7,44 +7,23 @@ folder that it writes.
 from __future__ import annotations
 
 import json
-import math
 import signal
-import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+import threading
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from mission.camera import Camera, Mounting, write_camera
 from mission.records import GeodeticOrigin, Matrix, Vector
-from sitl.autopilot import AutopilotConfig, Wind, start_autopilot
-from sitl.camera import start_camera
-from sitl.external import start_external
 from sitl.scenario import Scenario
 from sitl.score import Score, score, truth_track
+from sitl.simulation import Simulation, simulation
 from sitl.truth import TruthRing
 
 FLIGHT_TIMEOUT_S = 150.0
-TRUTH_SPAN_S = 300.0
-TRUTH_RATE_HZ = 250.0
-SETTINGS = """\
-[link]
-url = "{link}"
-
-[video]
-url = "{video}"
-
-[camera]
-file = "camera.toml"
-
-[answer]
-folder = "flights"
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,54 +64,39 @@ def fly(
     Raises:
         SidestepError: the simulator did not start.
     """
-    report.mkdir(parents=True, exist_ok=True)
-    with _running(scenario, report, extra_settings, external) as ring:
-        exit_code, said = _locate(scenario, report, tell)
-        result = _scored(scenario, ring, report, exit_code, said)
+    with simulation(scenario, report, extra_settings=extra_settings, external=external) as running:
+        exit_code, said = locate(running, ["--take-off", f"{scenario.vehicle.take_off_height_m}"], tell)
+        result = _scored(scenario, running.ring, report, exit_code, said)
     text = json.dumps(asdict(result), indent=2)
     (report / "result.json").write_text(text + "\n", encoding="utf-8")
     return result
 
 
-@contextmanager
-def _running(scenario: Scenario, report: Path, extra_settings: str, external: str | None) -> Iterator[TruthRing]:
-    """Autopilot and camera, and the settings that lead to them."""
-    video = f"udp://127.0.0.1:{_free_udp_port()}"
-    write_camera(report / "camera.toml", camera_of(scenario))
-    with ExitStack() as stack:
-        ring = TruthRing.create(seconds=TRUTH_SPAN_S, rate_hz=TRUTH_RATE_HZ)
-        stack.callback(ring.unlink)
-        stack.callback(ring.close)
-        config = _config(scenario)
-        autopilot = start_external(external, config, ring.name) if external else start_autopilot(config, ring.name)
-        stack.callback(autopilot.stop)
-        text = SETTINGS.format(link=autopilot.url, video=video) + extra_settings
-        (report / "sidestep.toml").write_text(text, encoding="utf-8")
-        camera = start_camera(scenario, ring.name, video)
-        stack.callback(camera.stop)
-        yield ring
+def locate(
+    running: Simulation, options: Sequence[str] = (), tell: Callable[[str], None] | None = None
+) -> tuple[int, list[str]]:
+    """Run `sidestep locate` on a simulation, stopped by Ctrl-C when it takes too long.
 
+    Args:
+        running: the simulation.
+        options: of the command, beside its settings.
+        tell: when given, gets each line as it is printed.
 
-def _locate(scenario: Scenario, report: Path, tell: Callable[[str], None] | None) -> tuple[int, list[str]]:
-    """Run `sidestep locate`, stopped by Ctrl-C when it takes too long."""
-    command = [
-        sys.executable,
-        *__import__("os").environ.get("SIDESTEP_RUN", "-m gcs_plugin").split(),
-        "locate",
-        "--settings",
-        str(report / "sidestep.toml"),
-    ]
-    command += ["--take-off", f"{scenario.vehicle.take_off_height_m}"]
+    Returns:
+        The command's exit code and the lines that it printed.
+    """
+    command = [sys.executable, "-m", "gcs_plugin", "locate", "--settings", str(running.settings), *options]
     said: list[str] = []
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
-        deadline = time.monotonic() + FLIGHT_TIMEOUT_S
-        assert process.stdout is not None
-        for line in process.stdout:
-            said.append(line.rstrip())
-            if tell is not None:
-                tell(line.rstrip())
-            if time.monotonic() > deadline:
-                process.send_signal(signal.SIGINT)
+        stop = threading.Timer(FLIGHT_TIMEOUT_S, process.send_signal, (signal.SIGINT,))
+        stop.start()
+        try:
+            for line in process.stdout or ():
+                said.append(line.rstrip())
+                if tell is not None:
+                    tell(line.rstrip())
+        finally:
+            stop.cancel()
         return process.wait(), said
 
 
@@ -180,38 +144,3 @@ def _draw(folder: Path, truth: Matrix) -> None:
     path = folder / "truth.csv"
     np.savetxt(path, truth, delimiter=",", header="t_s,east_m,north_m,up_m", comments="", fmt="%.4f")
     subprocess.run([sys.executable, "-m", "gcs_plugin", "draw", str(folder), "--truth", str(path)], check=True)
-
-
-def camera_of(scenario: Scenario) -> Camera:
-    """The camera as a good calibration would describe it; its latency is left for the flight to find out."""
-    settings = scenario.camera
-    mounting = Mounting.tilted(math.radians(settings.tilt_down_deg), settings.position_body_m)
-    return Camera(
-        settings.intrinsics,
-        mounting,
-        calibrated=True,
-        readout_s=settings.readout_ms / 1000.0,
-        provenance=f"as the scenario {scenario.name} says",
-    )
-
-
-def _config(scenario: Scenario) -> AutopilotConfig:
-    autopilot = scenario.autopilot
-    towards = math.radians(autopilot.wind_from_deg + 180.0)
-    mean = (autopilot.wind_m_s * math.sin(towards), autopilot.wind_m_s * math.cos(towards), 0.0)
-    return AutopilotConfig(
-        flavour=autopilot.flavour,
-        noise=autopilot.noise,
-        seed=scenario.seed,
-        home=scenario.home.origin,
-        heading_rad=math.radians(scenario.vehicle.heading_deg),
-        wind=Wind(mean, autopilot.gust_m_s),
-        operator_port=None,
-    )
-
-
-def _free_udp_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port

@@ -95,7 +95,7 @@ class RateMatch:
         self._seen = seen
         self._reported = reported
         self._duration_s = spans[:, 1] - spans[:, 0]
-        self._joined = np.abs(spans[1:, 0] - spans[:-1, 1]) < 1e-3 * self._duration_s[1:]
+        self._joined = np.abs(spans[1:, 0] - spans[:-1, 1]) < 0.25 * self._duration_s[1:]
         self._weight: Vector = np.ones(len(seen))
         self._set_noise(1.0, 0.0)
 

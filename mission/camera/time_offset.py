@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mission.camera.background import BackgroundRotation
+from mission.camera.background import BackgroundRotation, Turn
 from mission.camera.camera import Camera
 from mission.camera.rate_match import RateMatch, ReportedRotation
 from mission.pose import Pose
@@ -71,8 +71,12 @@ class TimeOffsetMeter:
         self.reason = "No frame was seen yet"
         """Why the last `measure` gave nothing; empty when it did."""
 
-    def add(self, frame: Frame) -> None:
-        """Take in the next frame; about 3 ms at 640 x 480."""
+    def add(self, frame: Frame) -> Turn | None:
+        """Take in the next frame; about 3 ms at 640 x 480.
+
+        Returns:
+            How the camera turned since the last frame, None where the picture does not tell.
+        """
         if self._last_s is not None and not 0.0 < frame.t_s - self._last_s <= _MAX_GAP_S:
             self._background.restart()
         turn = self._background.measure(frame.image)
@@ -82,6 +86,7 @@ class TimeOffsetMeter:
         self._last_s = frame.t_s
         while self._pairs and frame.t_s - self._pairs[0].from_s > self._span_s:
             self._pairs.popleft()
+        return turn
 
     def measure(self, pose_at: Callable[[float], Pose | None]) -> TimeOffset | None:
         """The offset from all that was collected.

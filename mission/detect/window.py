@@ -13,9 +13,8 @@ import numpy as np
 
 from mission.records import Image, Matrix, Vector
 
-
 _BEYOND = (114, 114, 114)
-"""What is shown beyond the edge of the frame: the grey that detectors are trained with; smeared edges look like legs."""
+"""What is shown beyond the edge of the frame: grey, as detectors are trained with; smeared edges look like legs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ class FlightSettings:
     stale_s: float = 0.6
     """Age of the local position beyond which setpoints stop: the bounds cannot be watched any more."""
     min_battery_fraction: float = 0.2
-    max_yaw_rate_rad_s: float = 0.7
+    max_yaw_rate_rad_s: float = 1.2
     measured_margin_m: float = 1.5
     """The measured position may leave the bounds by this much: overrun and the estimator's own steps."""
 

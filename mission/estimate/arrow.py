@@ -47,11 +47,10 @@ class Factored:
 
     def border_covariance(self) -> Matrix:
         """Inverse of the border's Schur complement, (m, m)."""
-        inverse, info = lapack.dpotri(self.schur, lower=1)
+        inverse, info = lapack.dpotrs(self.schur, np.eye(len(self.schur)), lower=1)
         if info != 0:
             raise NotPositiveDefinite("the border's information is singular")
-        lower: Matrix = np.tril(inverse)
-        return lower + np.tril(lower, -1).T
+        return np.asarray(0.5 * (inverse + inverse.T))
 
     def chain_covariance(self, elements: NDArray[np.intp]) -> tuple[Matrix, Matrix]:
         """Covariance (k, k) of some elements of the chain, and theirs with the border (k, m)."""

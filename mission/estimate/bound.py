@@ -20,6 +20,9 @@ from mission.estimate.observations import LEAST_PIXEL_SIGMA_PX, LEAST_SIZE_SIGMA
 from mission.estimate.target_covariance import target_moments
 from mission.records import CameraIntrinsics, Matrix, NoiseModel, TargetPrior, Vector
 
+_HOPELESS = 100.0
+"""A depth's sigma, in depths, at which rounding is all that holds it."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bound:
@@ -100,19 +103,21 @@ def bound(
     model = JointModel(seen, noise, prior)
     state = model.start(target, np.asarray(velocity_m_s, dtype=float), 0.0)
     at = model.linearise(state)
-    try:
-        if at is None:
-            raise NotPositiveDefinite("behind the camera")
-        factored, _, _ = model.normal_equations(at)
-    except NotPositiveDefinite:
-        raise EstimateRefused(
-            "The pattern does not determine the target's position", "Fly further sideways, out and back."
-        ) from None
-    moments = target_moments(model, state, factored)
-    first, last = moments.first_covariance, moments.last_covariance
     depth = float(np.hypot(target[0], target[1]))
     toward = target[:2] / depth
-    return Bound(depth, float(np.sqrt(toward @ first[:2, :2] @ toward)), first, last)
+    refusal = EstimateRefused(
+        "The pattern does not determine the target's position", "Fly further sideways, out and back."
+    )
+    if at is None:
+        raise refusal
+    try:
+        moments = target_moments(model, state, model.normal_equations(at)[0])
+    except NotPositiveDefinite:
+        raise refusal from None
+    sigma = float(np.sqrt(toward @ moments.first_covariance[:2, :2] @ toward))
+    if not sigma < _HOPELESS * depth:
+        raise refusal
+    return Bound(depth, sigma, moments.first_covariance, moments.last_covariance)
 
 
 def _looking_along(line: Matrix) -> Matrix:

@@ -67,8 +67,8 @@ def _line_search(
 ) -> Linearised | None:
     """The first of 1, 1/2, 1/4 ... of the step that does not raise the cost, improved by the parabola through it.
 
-    Along the step the cost is cost - 2 promised s + k promised s^2, with k = 1 where Gauss-Newton is exact. Reported paths
-    and many sightings make k as large as 2, and full steps would then jump to and fro around the minimum.
+    Along the step the cost is cost - 2 promised s + k promised s^2, with k = 1 where Gauss-Newton is exact. Noisy
+    paths and many sightings make k as large as 2, and full steps would then jump to and fro around the minimum.
     """
 
     def trial(share: float) -> Linearised | None:

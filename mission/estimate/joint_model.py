@@ -85,6 +85,10 @@ class JointModel:
         self.block = self.deviation + (4 if self.manoeuvres else 0)
         self.speed_sigma = np.array((prior.speed_sigma_m_s, prior.speed_sigma_m_s, prior.vertical_speed_sigma_m_s))
         self._psd_root = math.sqrt(prior.acceleration_psd_m2_s3)
+        self._wander = np.array((noise.heading_sigma_rad, noise.tilt_sigma_rad))
+        self._bias = np.array((noise.heading_bias_sigma_rad, noise.tilt_bias_sigma_rad))
+        self._speed_time = (seen.t_s[:, None] * self.speed_sigma)[:, None, :]
+        self._own_mix, self._shared_mix = self._mixes()
         pixel = gauss_markov(seen.steps_s, noise.pixel_correlation_s)
         size = gauss_markov(seen.steps_s, noise.size_correlation_s)
         self.precision = np.column_stack((pixel.diagonal, pixel.diagonal, size.diagonal))
@@ -136,62 +140,69 @@ class JointModel:
     def linearise(self, state: State) -> Linearised | None:
         """Residuals and Jacobians, or None where the target would be behind the camera."""
         seen, noise, chain, border = self.seen, self.noise, state.chain, state.border
-        heading = noise.heading_bias_sigma_rad * border[HEADING] + noise.heading_sigma_rad * chain[:, 0]
-        tilt = noise.tilt_bias_sigma_rad * border[TILT] + noise.tilt_sigma_rad * chain[:, 1]
+        angles = chain[:, WANDER] * self._wander + border[HEADING:] * self._bias
+        cosine, sine = np.cos(angles), np.sin(angles)
         d = self.targets(state) - seen.camera_m
         d += noise.position_walk_m_per_sqrt_s * chain[:, WALK] + noise.position_sigma_m * chain[:, WHITE]
         # M = Rx(tilt) camera_from_world Rz(heading), so q = M d and dq/dd = M.
-        ca, sa, cb, sb = np.cos(heading), np.sin(heading), np.cos(tilt), np.sin(tilt)
-        r = seen.camera_from_world
-        m = np.empty_like(r)
-        m[:, :, 0] = r[:, :, 0] * ca[:, None] + r[:, :, 1] * sa[:, None]
-        m[:, :, 1] = r[:, :, 1] * ca[:, None] - r[:, :, 0] * sa[:, None]
-        m[:, :, 2] = r[:, :, 2]
-        second = m[:, 1] * cb[:, None] - m[:, 2] * sb[:, None]
-        m[:, 2] = m[:, 1] * sb[:, None] + m[:, 2] * cb[:, None]
-        m[:, 1] = second
+        m = self._turned(cosine, sine)
         q = np.matmul(m, d[:, :, None])[:, :, 0]
         z = q[:, 2]
         if not z.min() > 1e-6:
             return None
         inverse = 1.0 / z
-        x, y = q[:, 0] * inverse, q[:, 1] * inverse
-        scale, size_scale = seen.scale, seen.size_scale
+        ideal = q[:, :2] * inverse[:, None]
         residual = np.empty((self.count, 3))
-        dx, dy = seen.measured[:, 0] - x, seen.measured[:, 1] - y
-        residual[:, 0] = scale[:, 0, 0] * dx + scale[:, 0, 1] * dy
-        residual[:, 1] = scale[:, 1, 0] * dx + scale[:, 1, 1] * dy
-        residual[:, 2] = size_scale * (seen.measured[:, 2] - border[SIZE] + np.log(z))
+        residual[:, :2] = np.matmul(seen.scale, (seen.measured[:, :2] - ideal)[:, :, None])[:, :, 0]
+        residual[:, 2] = seen.size_scale * (seen.measured[:, 2] - border[SIZE] + np.log(z))
         # K = d(residual) / dq.
         k = np.zeros((self.count, 3, 3))
-        k[:, :2, :2] = scale * -inverse[:, None, None]
-        k[:, :2, 2] = (scale[:, :, 0] * x[:, None] + scale[:, :, 1] * y[:, None]) * inverse[:, None]
-        k[:, 2, 2] = size_scale * inverse
+        k[:, :2, :2] = seen.scale * -inverse[:, None, None]
+        k[:, :2, 2] = -np.matmul(k[:, :2, :2], ideal[:, :, None])[:, :, 0]
+        k[:, 2, 2] = seen.size_scale * inverse
         by_place = np.matmul(k, m)
-        by_heading = by_place[:, :, 1] * d[:, None, 0] - by_place[:, :, 0] * d[:, None, 1]
-        by_tilt = k[:, :, 2] * q[:, None, 1] - k[:, :, 1] * q[:, None, 2]
-        own = np.zeros((self.count, 3, self.block))
-        own[:, :, 0] = noise.heading_sigma_rad * by_heading
-        own[:, :, 1] = noise.tilt_sigma_rad * by_tilt
-        own[:, :, WALK] = noise.position_walk_m_per_sqrt_s * by_place
-        own[:, :, WHITE] = noise.position_sigma_m * by_place
+        # By heading error, tilt error and place; everything else is one of these times a constant.
+        basis = np.empty((self.count, 3, 5))
+        basis[:, :, 0] = by_place[:, :, 1] * d[:, :1] - by_place[:, :, 0] * d[:, 1:2]
+        basis[:, :, 1] = k[:, :, 2] * q[:, 1:2] - k[:, :, 1] * q[:, 2:]
+        basis[:, :, 2:] = by_place
+        own, shared = np.matmul(basis, self._own_mix), np.matmul(basis, self._shared_mix)
+        shared[:, :, V] = by_place * self._speed_time
+        shared[:, 2, SIZE] = -seen.size_scale
         if self.fills_size:
             missing = ~self.has_size
             residual[missing, 2] = chain[missing, self.size_place]
             own[missing, 2, self.size_place] = 1.0
-        if self.manoeuvres:
-            own[:, :, self.deviation :: 2] = self._psd_root * by_place[:, :, :2]
-        shared = np.empty((self.count, 3, BORDER))
-        shared[:, :, P] = by_place
-        shared[:, :, V] = by_place * (seen.t_s[:, None] * self.speed_sigma)[:, None, :]
-        shared[:, :2, SIZE] = 0.0
-        shared[:, 2, SIZE] = -size_scale
-        shared[:, :, HEADING] = noise.heading_bias_sigma_rad * by_heading
-        shared[:, :, TILT] = noise.tilt_bias_sigma_rad * by_tilt
         weighted = self.weighted(residual[:, :, None])[:, :, 0]
         pull = self._prior_times(chain)
         cost = float(np.vdot(residual, weighted) + np.vdot(chain, pull) + self.border_prior @ (border * border))
         return Linearised(state, cost, residual, own, shared, weighted, pull)
+
+    def _turned(self, cosine: Matrix, sine: Matrix) -> Matrix:
+        """Rx(tilt) camera_from_world Rz(heading), (n, 3, 3), of the (n, 2) cosines and sines of heading and tilt."""
+        r = self.seen.camera_from_world
+        ca, sa, cb, sb = cosine[:, :1], sine[:, :1], cosine[:, 1:], sine[:, 1:]
+        m = np.empty_like(r)
+        m[:, :, 0] = r[:, :, 0] * ca + r[:, :, 1] * sa
+        m[:, :, 1] = r[:, :, 1] * ca - r[:, :, 0] * sa
+        m[:, :, 2] = r[:, :, 2]
+        second = m[:, 1] * cb - m[:, 2] * sb
+        m[:, 2] = m[:, 1] * sb + m[:, 2] * cb
+        m[:, 1] = second
+        return m
+
+    def _mixes(self) -> tuple[Matrix, Matrix]:
+        """Derivatives of heading error, tilt error and place (5) by a block of the chain (5, b) and the border (5, 9)."""
+        noise, place = self.noise, np.eye(3)
+        own, shared = np.zeros((5, self.block)), np.zeros((5, BORDER))
+        own[0, 0], own[1, 1] = self._wander
+        own[2:, WALK] = noise.position_walk_m_per_sqrt_s * place
+        own[2:, WHITE] = noise.position_sigma_m * place
+        if self.manoeuvres:
+            own[2:, self.deviation :: 2] = self._psd_root * place[:, :2]
+        shared[2:, P] = place
+        shared[0, HEADING], shared[1, TILT] = self._bias
+        return own, shared
 
     def weighted(self, rows: Matrix) -> Matrix:
         """The measurement noise's precision (tridiagonal in time) times rows (n, 3, k)."""

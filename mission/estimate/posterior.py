@@ -7,13 +7,14 @@ import numpy as np
 from mission.errors import EstimateRefused
 from mission.estimate.gauss_newton import Minimum
 from mission.estimate.joint_model import JointModel
+from mission.estimate.motion import compare_motions
 from mission.estimate.range_profile import profile_range
 from mission.estimate.target_covariance import TargetMoments, first_camera, target_moments
 from mission.records import Estimate, FirstPosition, FlightSightings, Vector
 
 LOPSIDED = 0.05
 """A depth whose relative sigma is above this is not normally distributed: its whole profile is looked at."""
-POOR = 0.15
+POOR = 0.05
 """A depth whose relative sigma is above this is called poor."""
 HOPELESS = 0.7
 """Above this there is no answer: the sightings say next to nothing about the distance."""
@@ -40,6 +41,9 @@ def to_estimate(flight: FlightSightings, model: JointModel, minimum: Minimum) ->
     notes = []
     if relative > POOR:
         notes.append(f"poor geometry: the depth's 1-sigma is {100.0 * relative:.0f} % of it; fly out and back")
+    motions = compare_motions(model, minimum)
+    if motions is not None:
+        notes.append(str(motions))
     if not minimum.converged:
         notes.append("the minimisation did not converge")
     seen, last = model.seen, flight.sightings[-1].t_s

@@ -19,7 +19,7 @@ from mission.errors import EstimateRefused
 from mission.estimate.observations import Observations
 from mission.records import Matrix, NoiseModel, TargetPrior, Vector
 
-_RANGES = np.geomspace(0.12, 250.0, 16)
+_RANGES = np.geomspace(0.12, 250.0, 14)
 """Depths tried, as multiples of the camera's travel."""
 _GROSS = 4.5
 """A sighting that is off by this many sigmas of everything together is wrong."""
@@ -118,7 +118,7 @@ class _RangeProfile:
         self.size_weight = seen.size_scale**2 / _shared(step, noise.size_correlation_s, count)
         # A height that is far from all others is a glitch.
         sized = seen.size_scale > 0.0
-        middle = float(np.median(seen.measured[sized, 2])) if sized.any() else 0.0
+        middle = float(np.sort(seen.measured[sized, 2])[int(sized.sum()) // 2]) if sized.any() else 0.0
         self.usual_size: NDArray[np.bool_] = np.abs(seen.measured[:, 2] - middle) < _LARGEST_RATIO
         self.size_weight = np.where(self.usual_size, self.size_weight, 0.0)
         self.sized = bool(self.size_weight.any())

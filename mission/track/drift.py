@@ -56,6 +56,10 @@ class DriftFilter:
         self._state = step @ self._state + [shift, 0.0]
         self._covariance = step @ self._covariance @ step.T + noise
 
+    def settle(self) -> None:
+        """Forget the rate."""
+        self._state[1] = 0.0
+
     def update(self, measured: float, sigma: float) -> None:
         """Use a measurement with its standard deviation."""
         innovation = measured - self.value

@@ -63,6 +63,10 @@ class Motion:
             axis.predict(dt_s, speed, shift)
         self._size.predict(dt_s, _LOG_HEIGHT_RATE_SIGMA)
 
+    def vanish(self) -> None:
+        """The person went out of sight: half a person that shrinks is no person who walks away."""
+        self._size.settle()
+
     def see(self, axis: int, measured_px: float, sigma: float) -> None:
         """Use a measured place; axis 0 is x, 1 is y; sigma in body heights."""
         self._place[axis].update(measured_px, sigma * self.height_px)

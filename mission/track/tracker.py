@@ -1,10 +1,11 @@
 """The tracker: the same person from frame to frame, or "lost"; never somebody else.
 
-HOG (every other frame) says where the body is sideways: it learnt head, shoulders and torso, so it hardly swings with arms
-and legs. NanoDet (the frames between) says how high and how tall the body is, which HOG does poorly. Neither has a memory,
-so neither drifts, and both look at upright windows scaled to the body, so that whatever bias they have is the same at all
-distances. Correlation of head and shoulders bridges the frames that neither understands; it is not used beyond that, since
-in front of a background that moves it slides off the body. Colours decide whether it is still the same person.
+HOG (every other frame) says where the body is sideways: it learnt head, shoulders and torso, so it hardly swings with
+arms and legs. NanoDet (the frames between) says how high and how tall the body is, which HOG does poorly. Neither has a
+memory, so neither drifts, and both look at upright windows scaled to the body, so that whatever bias they have is the
+same at all distances. Correlation of head and shoulders bridges the frames that neither understands; it is not used
+beyond that, since in front of a background that moves it slides off the body. Colours decide whether it is still the
+same person.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from mission.track.template import Template
 from mission.track.track import Track, TrackState
 
 COASTING_S = 2.5
-"""How long a hidden person is waited for: a walker needs that to pass behind a tree or a car, half covered to half free."""
+"""How long a hidden person is waited for: a walker needs that to pass behind a car, half covered to half free."""
 _BODY = WindowedHog.BODY_PX
 _MIDDLE = np.array(WindowedHog.SIZE) / 2.0
 _SAME_LOOKS = 0.55
@@ -38,6 +39,8 @@ _GOOD_MATCH = 0.7
 """Smallest correlation that is believed."""
 _UNSEEN_S = 0.25
 """How long correlation is believed without a detector agreeing: later it may have slid onto the background."""
+_EARLIER_S = 0.25
+"""How far back, at least, the motion is taken from when the person disappears: what was seen last was half a person."""
 _TEMPLATE_S = 0.2
 """Age at which the template is renewed."""
 _FRESH_HEIGHT_S = 0.5
@@ -52,6 +55,11 @@ class _Target:
 
     t_s: float
     motion: Motion
+    earlier: Motion
+    """What the motion was `_EARLIER_S` to twice that ago, and has led to since without being measured."""
+    next_earlier: Motion
+    earlier_s: float
+    """When `next_earlier` was taken."""
     looks: Histogram
     template: Template | None
     seen_s: float
@@ -126,7 +134,8 @@ class Tracker:
         self._frames += 1
         dt = max(frame.t_s - target.t_s, 1e-3)
         hidden = target.seen_s < target.t_s
-        target.motion.predict(dt, shift_px)
+        for motion in (target.motion, target.earlier, target.next_earlier):
+            motion.predict(dt, shift_px)
         target.t_s = frame.t_s
         if hidden:
             return self._look_for(frame, target, roll_rad)
@@ -137,9 +146,13 @@ class Tracker:
         hog = self._eyes.centre(window, _NEAR)
         if hog is not None:
             window = _upright(frame.image, window.to_frame(hog.x_px, float(_MIDDLE[1])), height, roll)
+        motion = Motion(window.to_frame(*_MIDDLE), height, noise.SIDEWAYS_SIGMA, noise.HEIGHT_SIGMA)
         self._target = _Target(
             t_s=frame.t_s,
-            motion=Motion(window.to_frame(*_MIDDLE), height, noise.SIDEWAYS_SIGMA, noise.HEIGHT_SIGMA),
+            motion=motion,
+            earlier=deepcopy(motion),
+            next_earlier=deepcopy(motion),
+            earlier_s=frame.t_s,
             looks=colours(window.image, _MIDDLE, _BODY),
             template=Template.cut(window.image, _MIDDLE, _BODY, frame.t_s),
             seen_s=frame.t_s,
@@ -155,17 +168,18 @@ class Tracker:
         if self._frames % 2:
             looks.reverse()
         # Where one detector does not see the target, the other may.
-        expected = deepcopy(target.motion)
         agreed = any(look(frame, target, window, roll) for look in looks)
         if not agreed and not self._correlate(frame, target, window):
-            return self._coast(frame, target, 0.0)
+            return self._vanish(frame, target, 0.0)
         body = np.array(window.to_window(*_pair(target.motion.pixel)))
         seen = colours(window.image, body, _BODY)
         alike = likeness(seen, target.looks)
         if alike < _SAME_LOOKS or not _inside(window, body):
-            target.motion = expected  # what was measured was somebody or something else
-            return self._coast(frame, target, alike)
+            return self._vanish(frame, target, alike)
         target.seen_s = frame.t_s
+        if frame.t_s - target.earlier_s >= _EARLIER_S:
+            target.earlier, target.next_earlier = target.next_earlier, deepcopy(target.motion)
+            target.earlier_s = frame.t_s
         if agreed:
             target.agreed_s = frame.t_s
             if alike > _SURE_LOOKS:
@@ -215,6 +229,12 @@ class Tracker:
             target.motion.see(axis, value, noise.MATCH_SIGMA)
         return True
 
+    def _vanish(self, frame: Frame, target: _Target, score: float) -> Track:
+        # The last frames showed half a person, or already somebody else.
+        target.motion = deepcopy(target.earlier)
+        target.motion.vanish()
+        return self._coast(frame, target, score)
+
     def _coast(self, frame: Frame, target: _Target, score: float) -> Track:
         target.returning = 0
         if frame.t_s - target.seen_s > COASTING_S:
@@ -252,8 +272,9 @@ class Tracker:
         _, body, window, x = best
         place = np.array([x, _MIDDLE[1]])
         target.motion = Motion(window.to_frame(*place), height, noise.BOX_SIDEWAYS_SIGMA, 0.1)
+        target.earlier, target.next_earlier = deepcopy(target.motion), deepcopy(target.motion)
         target.template = Template.cut(window.image, place, _BODY, frame.t_s)
-        target.seen_s = target.agreed_s = frame.t_s
+        target.earlier_s = target.seen_s = target.agreed_s = frame.t_s
         target.returning = 0
         target.cut_off = not body.feet_visible
         if not target.cut_off:

@@ -23,7 +23,7 @@ _LIVE_OPTIONS: Mapping[str, str] = {
     # Stop probing as soon as the stream is known. `fflags=nobuffer` is left out on purpose: it throws away what was
     # read while probing, the key frame with it, and saves no delay later (measured: the same 1-2 frames).
     "probesize": "100000",
-    "analyzeduration": "0",
+    "analyzeduration": "1",  # microseconds; 0 would mean FFmpeg's own 5 s
     "flags": "low_delay",
     # RTP: at most 0.1 s of waiting for packets out of order.
     "max_delay": "100000",

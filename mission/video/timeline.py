@@ -47,18 +47,26 @@ class LiveTimeline:
         self._last: tuple[float, float] | None = None
         self._since: tuple[float, float] | None = None
         self._steady = 0
+        self._untimed_s = 0.0
+        self._untimed_since_s: float | None = None
 
     @property
     def settled(self) -> bool:
         """Whether no better offset turned up for some frames (or too long): a stream begins with what had piled up."""
+        if self._untimed_since_s is not None:
+            return self._last is None and self._untimed_s - self._untimed_since_s > _SETTLE_S
         if self._last is None or self._since is None:
-            return self._last is None
+            return False
         return self._steady >= _SETTLED_FRAMES or self._last[1] - self._since[0] > _SETTLE_S
 
     def time_of(self, pts_s: float | None, arrived_s: float) -> float:
         """Program time of a frame; a stream without presentation times counts from each frame's arrival."""
         if pts_s is None:
+            # RTP has no time before the second packet, and then it is not needed; raw H.264 never has one.
+            self._untimed_s = arrived_s
+            self._untimed_since_s = arrived_s if self._untimed_since_s is None else self._untimed_since_s
             return arrived_s - self._latency_s
+        self._untimed_since_s = None
         remote_s = pts_s + self._wrapped_s
         if self._last is not None:
             last_remote_s, last_arrived_s = self._last

@@ -22,6 +22,7 @@ from mission.pose import Pose
 from mission.records import Box, CameraIntrinsics, Detection, Frame, GeodeticOrigin, Image, NoiseModel, Vector
 from mission.sighting import camera_position, world_from_camera
 from mission.track import Track
+from mission.video.stats import VideoState, VideoStats
 
 FRAME_S = 0.05
 ORIGIN = GeodeticOrigin(37.2276, 126.8405, 30.0)
@@ -73,6 +74,8 @@ class FakeDrone:
 
     def pose_at(self, t_s: float) -> Pose | None:
         return next((pose for pose in reversed(self._poses) if abs(pose.t_s - t_s) < 1e-6), None)
+
+    def keep_alive(self) -> None: ...
 
     def noise(self) -> NoiseModel:
         return NoiseModel()
@@ -134,7 +137,7 @@ class FakeDrone:
         if self.refuse:
             self.order = FakeOrder(kind, OrderState.REFUSED, self.refuse)
         else:
-            self.order = FakeOrder(kind)
+            self.order = FakeOrder(kind, started_s=self.t_s)
         return self.order
 
     def _remember(self) -> None:
@@ -178,6 +181,9 @@ class FakeVideo:
         self.index += 1
         return Frame(BLANK, self.drone.t_s, self.index)
 
+    def stats(self) -> VideoStats:
+        return VideoStats(VideoState.PLAYING, 20.0, self.index, 0, 0, 0, 0.0, 0.0, "")
+
     def close(self) -> None: ...
 
 
@@ -198,9 +204,9 @@ class Sight:
         seen = self._seen(self.drone.t_s)
         return [] if self.absent or seen is None else [Detection(seen[0], 1.0)]
 
-    def start(self, frame: Frame, box: Box) -> None: ...
+    def start(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> None: ...
 
-    def update(self, frame: Frame, shift_px: tuple[float, float] = (0.0, 0.0)) -> Track:
+    def update(self, frame: Frame, shift_px: tuple[float, float] = (0.0, 0.0), roll_rad: float = 0.0) -> Track:
         seen = self._seen(frame.t_s)
         if seen is None or frame.t_s >= self.gone_from_s:
             nowhere = Box(0.0, 0.0, 1.0, 1.0)

@@ -70,6 +70,7 @@ def test_a_person_is_located_in_any_direction_of_walk(velocity: tuple[float, flo
     located = scene.run()
     truth = scene.walker.at(located.estimate.t_s)
     assert np.linalg.norm(located.estimate.position_enu_m[:2] - truth[:2]) < 0.02
+    assert located.estimate.velocity_enu_m_s is not None
     np.testing.assert_allclose(located.estimate.velocity_enu_m_s[:2], velocity, atol=0.03)
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.pattern import PAPER_BASELINE_M, lateral_path, left_of
+from mission.pattern import PAPER_BASELINE_M, fitted, lateral_path, left_of
 from mission.settings import PatternSettings
 
 headings = st.floats(-math.pi, math.pi)
@@ -68,3 +68,12 @@ def test_s_goes_to_both_sides() -> None:
     east = [knot.offset_enu_m[0] for knot in path.knots]
     assert min(east) == pytest.approx(-2.0)
     assert max(east) == pytest.approx(2.0)
+
+
+def test_a_pattern_is_shortened_for_a_near_target_and_kept_for_a_far_one() -> None:
+    assert fitted(PatternSettings(length_m=3.0), 2.0).length_m == pytest.approx(1.8)
+    assert fitted(PatternSettings(length_m=3.0), 9.0).length_m == 3.0
+
+
+def test_the_papers_pattern_is_never_shortened() -> None:
+    assert fitted(PatternSettings(kind="paper"), 2.0) == PatternSettings(kind="paper")

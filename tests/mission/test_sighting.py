@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from mission.camera import Mounting
 from mission.pose import Pose
 from mission.records import Box
-from mission.sighting import azimuth_of, camera_position, rotation_shift, sighting, world_from_camera
+from mission.sighting import azimuth_of, camera_position, roll_of, rotation_shift, sighting, world_from_camera
 from mission.track import Track
 from tests.mission.fakes import CAMERA, ENU_FROM_NED
 
@@ -79,3 +79,8 @@ def test_a_sighting_carries_the_cameras_pose_and_the_tracks_figures() -> None:
     assert seen.pixel == (321.5, 242.0)
     assert (seen.height_px, seen.pixel_sigma_px, seen.size_sigma) == (118.0, 1.2, 0.03)
     assert np.linalg.norm(seen.world_from_camera_wxyz) == pytest.approx(1.0)
+
+
+@given(st.floats(-0.6, 0.6), st.floats(-3.0, 3.0))
+def test_the_cameras_roll_is_the_aircrafts_where_it_looks_ahead(roll: float, heading: float) -> None:
+    assert roll_of(pose(heading, 0.0, roll), CAMERA) == pytest.approx(roll, abs=1e-9)

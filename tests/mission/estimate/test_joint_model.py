@@ -25,7 +25,7 @@ def flight_of(sizes: str, psd: float, distortion: tuple[float, float, float, flo
         camera=replace(PAPER_CAMERA, distortion=distortion),
         heading_rad=0.3,
         prior=TargetPrior(acceleration_psd_m2_s3=psd),
-        sizes={"all": lambda i: True, "none": lambda i: False, "some": lambda i: i % 3 == 0}[sizes],
+        sizes={"all": lambda _: True, "none": lambda _: False, "some": lambda i: i % 3 == 0}[sizes],
     ).flight
 
 

@@ -67,6 +67,19 @@ def test_a_network_that_never_calms_down_does_not_hold_the_frames_back_for_ever(
     assert timeline.settled
 
 
+def test_one_frame_without_a_time_is_not_relied_on_but_a_stream_of_them_is() -> None:
+    timeline = LiveTimeline()
+    settled = []
+    for pts_s in (None, *(i / 20.0 for i in range(10)), None):
+        timeline.time_of(pts_s, 10.0 + (pts_s or 0.0))
+        settled.append(timeline.settled)
+    assert (settled[0], settled[10], settled[11]) == (False, True, False)
+    untimed = LiveTimeline()
+    for i in range(30):
+        untimed.time_of(None, 10.0 + i / 20.0)
+    assert untimed.settled
+
+
 def test_packets_are_remembered_for_a_while() -> None:
     queue = Arrivals()
     queue.note(0.2, 1.05)

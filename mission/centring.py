@@ -1,0 +1,121 @@
+"""Turning to the target, and measuring the video's time offset on that turn or on a short wiggle after it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
+from mission.drones.drone import Drone
+from mission.errors import DetectionError
+from mission.flight_loop import FlightLoop
+from mission.located import Stage, Watcher
+from mission.pointing import Pointing
+
+CENTRED_RAD = math.radians(3.0)
+STEADY_S = 0.4
+"""The target is centred when it has been for this long."""
+TIMEOUT_S = 12.0
+WIGGLE_RAD = math.radians(10.0)
+WIGGLE_S = 1.6
+"""A yaw to one side, to the other and back."""
+
+
+class Centring:
+    """The stage between choosing the target and flying past it.
+
+    Args:
+        loop: gives the frames.
+        drone: for its poses.
+        pointing: follows the target.
+        meter: measures the time offset; None when it shall not be measured.
+        watcher: is told.
+        clock: the program's clock, seconds.
+    """
+
+    def __init__(
+        self,
+        loop: FlightLoop,
+        drone: Drone,
+        pointing: Pointing,
+        meter: TimeOffsetMeter | None,
+        watcher: Watcher,
+        clock: Callable[[], float],
+    ) -> None:
+        self._loop = loop
+        self._drone = drone
+        self._pointing = pointing
+        self._meter = meter
+        self._watcher = watcher
+        self._clock = clock
+        self._offset: TimeOffset | None = None
+        self._wiggle_s: float | None = None
+
+    def run(self) -> TimeOffset | None:
+        """Turn until the target is in the middle; the time offset where it could be told.
+
+        Raises:
+            DetectionError: the target was lost.
+            SidestepError: what ends a flight (`FlightLoop.frames`).
+        """
+        self._watcher.stage(Stage.CENTRE, "turning to the target")
+        centred_since_s: float | None = None
+        for frame in self._loop.frames(TIMEOUT_S):
+            turn = None if self._meter is None else self._meter.add(frame)
+            track = self._pointing.follow(frame, turn)
+            self._watcher.frame(frame, track)
+            if track.state == "lost":
+                raise DetectionError("the target was lost while turning to it", "Try again, or choose it by a box.")
+            now = self._clock()
+            beside = self._wiggle(now)
+            self._pointing.steer(now, beside or 0.0)
+            if beside is not None:
+                centred_since_s = None
+                continue
+            if abs(self._pointing.off_axis_rad()) > CENTRED_RAD:
+                centred_since_s = None
+                continue
+            centred_since_s = now if centred_since_s is None else centred_since_s
+            if now - centred_since_s < STEADY_S:
+                continue
+            if self._meter is None or self._measured():
+                return self._offset
+            self._watcher.stage(Stage.CENTRE, "a short yaw wiggle measures the video's time offset")
+            self._wiggle_s = now
+        self._watcher.stage(Stage.CENTRE, "the target is not quite centred; going on")
+        self._give_up()
+        return self._offset
+
+    def _wiggle(self, now_s: float) -> float | None:
+        """How far to point beside the target; None when no wiggle is flown, and the offset is taken when one ends."""
+        if self._wiggle_s is None:
+            return None
+        phase = (now_s - self._wiggle_s) / WIGGLE_S
+        if phase < 1.0:
+            return WIGGLE_RAD * math.sin(2.0 * math.pi * phase)
+        self._wiggle_s = None
+        self._give_up()
+        return None
+
+    def _measured(self) -> bool:
+        """Take the offset if it can be told by now."""
+        if self._meter is None:
+            return False
+        meter = self._meter
+        offset = self._loop.meanwhile(lambda: meter.measure(self._drone.pose_at))
+        if offset is None:
+            return False
+        self._offset, self._meter = offset, None
+        self._pointing.trust(offset.offset_s)
+        self._watcher.stage(
+            Stage.CENTRE, f"video runs {1e3 * offset.offset_s:.0f} ms behind telemetry (+-{1e3 * offset.sigma_s:.0f})"
+        )
+        return True
+
+    def _give_up(self) -> None:
+        """Take the offset or say why it cannot be told; either way go on with what there is."""
+        if self._meter is None or self._measured():
+            return
+        self._watcher.stage(Stage.CENTRE, f"{self._meter.reason}; the camera's latency is used as it is")
+        self._meter = None
+        self._pointing.trust(0.0)

@@ -1,0 +1,131 @@
+"""Keeping the camera on the target: the tracker, the aim, and the heading that follows from both."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mission.aim import LOOK_AHEAD_S, Aim, presumed_range, wrapped
+from mission.camera.background import Turn
+from mission.camera.camera import Camera
+from mission.camera.model import CameraModel
+from mission.drones.drone import Drone
+from mission.pose import Pose
+from mission.records import Box, Frame, Vector
+from mission.sighting import azimuth_of, camera_position, roll_of, rotation_shift
+from mission.track import Track
+
+
+class TargetTracker(Protocol):
+    """Keeps to one person from frame to frame (`mission.track.Tracker`)."""
+
+    def start(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> None:
+        """The target is in this box."""
+        ...
+
+    def update(self, frame: Frame, shift_px: tuple[float, float] = (0.0, 0.0), roll_rad: float = 0.0) -> Track:
+        """Where it is in the next frame; `shift_px` is the image motion that the camera's rotation explains."""
+        ...
+
+
+class Pointing:
+    """Follows the target in the picture and tells the aircraft where to point its nose.
+
+    Args:
+        drone: the aircraft.
+        camera: its camera.
+        tracker: started on the target.
+        cautious: whether the time of the video against the telemetry is not known yet.
+    """
+
+    def __init__(self, drone: Drone, camera: Camera, tracker: TargetTracker, *, cautious: bool) -> None:
+        self._drone = drone
+        self._camera = camera
+        self._tracker = tracker
+        self._aim = Aim(cautious=cautious)
+        self._pose: Pose | None = None
+        self._pixel = (camera.intrinsics.cx, camera.intrinsics.cy)
+        self.offset_s = 0.0
+        """How much later than telemetry the video's clock runs."""
+
+    def follow(self, frame: Frame, turn: Turn | None = None) -> Track:
+        """Track the target into a frame and take its bearing into the aim.
+
+        Args:
+            frame: the newest.
+            turn: how the camera turned since the last frame, where the picture tells; the telemetry tells it else.
+        """
+        pose = self._drone.pose_at(frame.t_s - self.offset_s)
+        roll = 0.0 if pose is None else roll_of(pose, self._camera)
+        track = self._tracker.update(frame, self._shift(pose, turn), roll)
+        if track.state == "tracking":
+            self._pixel = track.pixel
+        if pose is not None:
+            self._pose = pose
+            if track.state == "tracking":
+                self._observe(track, pose)
+        return track
+
+    def _observe(self, track: Track, pose: Pose) -> None:
+        if self._aim.point_m is None:
+            self._aim.range_m = presumed_range(track.height_px, self._camera.intrinsics.fy)
+        azimuth = azimuth_of(track.pixel, pose, self._camera)
+        self._aim.observe(azimuth, camera_position(pose, self._camera), pose.t_s)
+
+    def trust(self, offset_s: float) -> None:
+        """The video's time is known from here on: follow fast, and lead."""
+        self.offset_s = offset_s
+        self._aim = self._aim.trusting()
+        self._pose = None
+
+    def steer(self, now_s: float, beside_rad: float = 0.0) -> None:
+        """Order the heading that puts the target in the middle.
+
+        Args:
+            now_s: program time.
+            beside_rad: point this far beside it, clockwise.
+        """
+        azimuth = self.azimuth(now_s + LOOK_AHEAD_S)
+        if azimuth is not None:
+            self._drone.aim(wrapped(azimuth + beside_rad - self._camera_azimuth()))
+
+    def azimuth(self, t_s: float) -> float | None:
+        """The target's azimuth at a time, clockwise from north; None before it was seen with a known pose."""
+        place = self._place(t_s)
+        return None if place is None else self._aim.azimuth(t_s, place)
+
+    def presumed_range_m(self) -> float:
+        """How far away somebody of ordinary size would be; good enough to choose a pattern, never an answer."""
+        place = self._place(self._aim.t_s)
+        if place is None or self._aim.point_m is None:
+            return self._aim.range_m
+        return float(np.linalg.norm(self._aim.point_m - place[:2]))
+
+    def off_axis_rad(self) -> float:
+        """How far beside the middle of the picture the target was last seen."""
+        lens = self._camera.intrinsics
+        return math.atan2(self._pixel[0] - lens.cx, lens.fx)
+
+    def _place(self, t_s: float) -> Vector | None:
+        """Where the camera is at a time soon after the newest pose."""
+        if self._pose is None:
+            return None
+        return camera_position(self._pose, self._camera) + self._pose.velocity_enu_m_s * (t_s - self._pose.t_s)
+
+    def _shift(self, pose: Pose | None, turn: Turn | None) -> tuple[float, float]:
+        if turn is not None:
+            model = CameraModel(self._camera.intrinsics)
+            now = Rotation.from_rotvec(turn.rotation_vector).inv().apply(model.ray(np.array(self._pixel)))
+            x, y = model.project(now).tolist() if now[2] > 0.1 else self._pixel
+            return x - self._pixel[0], y - self._pixel[1]
+        if pose is None or self._pose is None:
+            return 0.0, 0.0
+        return rotation_shift(self._pixel, self._pose, pose, self._camera)
+
+    def _camera_azimuth(self) -> float:
+        """Azimuth of the camera's axis relative to the nose of a level aircraft."""
+        forward, right, _ = self._camera.mounting.body_from_camera.apply([0.0, 0.0, 1.0])
+        return math.atan2(right, forward)
