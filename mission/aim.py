@@ -33,11 +33,9 @@ def wrapped(angle_rad: float) -> float:
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def presumed_range(height_px: float | None, focal_px: float) -> float:
-    """Distance (m) at which somebody of ordinary height looks this tall; 10 m where the height is not known."""
-    if height_px is None or height_px <= 0.0:
-        return 10.0
-    return min(PRESUMED_RANGE_M[1], max(PRESUMED_RANGE_M[0], focal_px * PRESUMED_HEIGHT_M / height_px))
+def presumed_range(height_px: float, focal_px: float) -> float:
+    """Distance (m) at which somebody of ordinary height looks this tall."""
+    return min(PRESUMED_RANGE_M[1], max(PRESUMED_RANGE_M[0], focal_px * PRESUMED_HEIGHT_M / max(height_px, 1.0)))
 
 
 @dataclass(slots=True)

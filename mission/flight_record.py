@@ -22,9 +22,7 @@ from mission.records import (
 )
 from mission.sighting import camera_position, sighting
 from mission.track import Track
-
-PIXEL_CORRELATION_S = 0.3
-SIZE_CORRELATION_S = 0.3
+from mission.track.noise import PIXEL_CORRELATION_S, SIZE_CORRELATION_S
 
 KEY_FRAMES = 20
 """Frames kept as pictures for the contact sheet."""

@@ -71,7 +71,7 @@ class Pointing:
 
     def _observe(self, track: Track, pose: Pose) -> None:
         if self._aim.point_m is None:
-            self._aim.range_m = presumed_range(track.height_px, self._camera.intrinsics.fy)
+            self._aim.range_m = presumed_range(track.height_px or track.box.height_px, self._camera.intrinsics.fy)
         azimuth = azimuth_of(track.pixel, pose, self._camera)
         self._aim.observe(azimuth, camera_position(pose, self._camera), pose.t_s)
 
@@ -79,7 +79,8 @@ class Pointing:
         """The video's time is known from here on: follow fast, and lead."""
         self.offset_s = offset_s
         self._aim = self._aim.trusting()
-        self._pose = None
+        if self._pose is not None:  # the pose that was taken for the last frame's is of another time
+            self._pose = self._drone.pose_at(self._pose.t_s - offset_s) or self._pose
 
     def steer(self, now_s: float, beside_rad: float = 0.0) -> None:
         """Order the heading that puts the target in the middle.

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from mission.errors import EstimateRefused
 from mission.estimate.arrow import NotPositiveDefinite
 from mission.estimate.gauss_newton import Minimum, minimise
-from mission.estimate.joint_model import WHITE, JointModel
+from mission.estimate.joint_model import WHITE, BorderPrior, JointModel
 from mission.estimate.observations import Observations, observe, tamed_noise, tamed_prior
 from mission.estimate.posterior import to_estimate
-from mission.estimate.starts import Start, find_starts
+from mission.estimate.starts import Start, Starts, find_starts
 from mission.estimate.wrong_sightings import PIXEL_LIMIT, SIZE_LIMIT, blunder_scores, plausible, worst
 from mission.records import Estimate, FlightSightings
 
@@ -55,18 +55,21 @@ class Batch:
             ) from None
 
 
-def most_probable(flight: FlightSightings, seen: Observations) -> tuple[JointModel, Minimum]:
+def most_probable(
+    flight: FlightSightings, seen: Observations, carried: BorderPrior | None = None
+) -> tuple[JointModel, Minimum]:
     """The lowest minimum that the starts lead to, over the sightings that fit it.
 
     Args:
         flight: its noise model and prior are used.
         seen: its observations, three at least.
+        carried: what earlier flights say, in place of the prior; one more place to start from.
 
     Raises:
         EstimateRefused: no start leads anywhere, or the sightings contradict each other.
         NotPositiveDefinite: something is not observable.
     """
-    found = find_starts(seen, flight.noise, flight.prior)
+    found = find_starts(seen, flight.noise, flight.prior) if carried is None else _carried_starts(flight, seen, carried)
     kept = seen if found.right.all() and found.sized.all() else seen.only(found.right, found.sized)
     best: tuple[JointModel, Minimum] | None = None
     refused = EstimateRefused("No distance explains the sightings", "Check the camera's mounting.")
@@ -74,7 +77,7 @@ def most_probable(flight: FlightSightings, seen: Observations) -> tuple[JointMod
         if best is not None and start.cost > found.starts[0].cost + _RIVAL:
             break
         try:
-            candidate = _from_start(JointModel(kept, flight.noise, flight.prior), start)
+            candidate = _from_start(JointModel(kept, flight.noise, flight.prior, carried), start)
         except EstimateRefused as error:
             refused = error
             continue
@@ -98,6 +101,19 @@ def most_probable(flight: FlightSightings, seen: Observations) -> tuple[JointMod
     return model, minimum
 
 
+def _carried_starts(flight: FlightSightings, seen: Observations, carried: BorderPrior) -> Starts:
+    """The carried state as a start, and those of the sightings themselves where they have any."""
+    speed = np.array((*(flight.prior.speed_sigma_m_s,) * 2, flight.prior.vertical_speed_sigma_m_s))
+    every = np.ones(len(seen.t_s), dtype=bool)
+    try:
+        found = find_starts(seen, flight.noise, flight.prior)
+    except EstimateRefused:
+        found = Starts((), every, every)
+    cost = found.starts[0].cost if found.starts else 0.0
+    known = Start(carried.mean[:3], carried.mean[3:6] * speed, float(carried.mean[6]), cost, np.zeros(len(every)))
+    return Starts((known, *found.starts), found.right, found.sized)
+
+
 def _worth(candidate: tuple[JointModel, Minimum]) -> float:
     """Cost, with what was taken out charged as if it had just failed: fewer sightings must not win by being fewer."""
     model, minimum = candidate
@@ -116,10 +132,14 @@ def _from_start(model: JointModel, start: Start) -> tuple[JointModel, Minimum]:
         first = minimise(model, model.start(start.position_m, start.velocity_m_s, start.log_size), max_steps=2)
         smaller = _less(model, first)[0] if first.at.cost > _SUSPICIOUS * model.freedom else None
         if smaller is None:
-            return _without_blunders(model, first if first.converged else minimise(model, first.at))
+            return _without_blunders(model, _continued(model, first))
         model = smaller
     state = whole.start(start.position_m, start.velocity_m_s, start.log_size)
     return _without_blunders(whole, minimise(whole, state))
+
+
+def _continued(model: JointModel, first: Minimum) -> Minimum:
+    return first if first.converged else minimise(model, first.at, before=first.promised)
 
 
 def _less(model: JointModel, minimum: Minimum) -> tuple[JointModel | None, NDArray[np.intp]]:
@@ -133,7 +153,7 @@ def _less(model: JointModel, minimum: Minimum) -> tuple[JointModel | None, NDArr
     rows = np.flatnonzero(~wrong)
     if not (wrong.any() or unsized.any()) or len(rows) < 3:
         return None, rows
-    return JointModel(model.seen.only(~wrong, ~unsized), model.noise, model.prior), rows
+    return model.over(model.seen.only(~wrong, ~unsized)), rows
 
 
 def _without_blunders(model: JointModel, minimum: Minimum) -> tuple[JointModel, Minimum]:
@@ -149,7 +169,7 @@ def _without_blunders(model: JointModel, minimum: Minimum) -> tuple[JointModel, 
 
 def _readmitted(seen: Observations, model: JointModel, minimum: Minimum) -> tuple[JointModel, Minimum]:
     """Take back what was found wrong too early: the start was rough, and the most probable state knows better."""
-    everything = JointModel(seen, model.noise, model.prior)
+    everything = model.over(seen)
     nearest = np.abs(seen.t_s[:, None] - model.seen.t_s).argmin(axis=1)
     state = everything.adopt(model, minimum.at.state, nearest)
     inside = np.isin(seen.index, model.seen.index)
@@ -161,5 +181,5 @@ def _readmitted(seen: Observations, model: JointModel, minimum: Minimum) -> tupl
     if not back.any():
         return model, minimum
     kept = inside | back
-    larger = JointModel(seen.only(kept), model.noise, model.prior)
+    larger = model.over(seen.only(kept))
     return _without_blunders(larger, minimise(larger, larger.adopt(everything, state, np.flatnonzero(kept))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from mission.errors import EstimateRefused
@@ -23,11 +24,18 @@ class Minimum:
     at: Linearised
     factored: Factored
     steps: int
+    promised: float
+    """By how much the last step promised to lower chi-square."""
     converged: bool
 
 
 def minimise(
-    model: JointModel, start: State | Linearised, *, max_steps: int = MAX_STEPS, tolerance: float = CONVERGED
+    model: JointModel,
+    start: State | Linearised,
+    *,
+    max_steps: int = MAX_STEPS,
+    tolerance: float = CONVERGED,
+    before: float | None = None,
 ) -> Minimum:
     """The nearest local minimum of the joint model's cost.
 
@@ -36,6 +44,7 @@ def minimise(
         start: where to start.
         max_steps: Gauss-Newton steps at most.
         tolerance: stop when a step promises less decrease of chi-square.
+        before: what the last step of the minimisation that is continued promised.
 
     Raises:
         EstimateRefused: the start is behind the camera.
@@ -54,12 +63,15 @@ def minimise(
         moved = _line_search(model, at, chain_step.reshape(at.state.chain.shape), border_step, promised)
         steps += 1
         if moved is None:
-            return Minimum(at, factored, steps, promised < 100.0 * tolerance)
+            return Minimum(at, factored, steps, promised, converged=promised < 100.0 * tolerance)
         at = moved
-        if promised < tolerance:
-            return Minimum(at, factored, steps, converged=True)
+        # Convergence is linear after the first step, so the next one would promise about promised^2 / before.
+        expected = math.inf if before is None else promised * promised / before
+        if promised < tolerance or expected < 0.1 * tolerance:
+            return Minimum(at, factored, steps, promised, converged=True)
+        before = None if steps == 1 and before is None else promised
         if steps >= max_steps:
-            return Minimum(at, factored, steps, converged=False)
+            return Minimum(at, factored, steps, promised, converged=False)
 
 
 def _line_search(

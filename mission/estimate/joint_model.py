@@ -50,6 +50,16 @@ class State:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class BorderPrior:
+    """What is known of the border beforehand: a normal distribution in its own units."""
+
+    mean: Vector
+    """(9,)."""
+    information: Matrix
+    """(9, 9), zero for what nothing is known of."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Linearised:
     """Residuals at a state, and their derivatives."""
 
@@ -71,7 +81,9 @@ class Linearised:
 class JointModel:
     """Residuals and normal equations of one flight's observations under a noise model and a prior."""
 
-    def __init__(self, seen: Observations, noise: NoiseModel, prior: TargetPrior) -> None:
+    def __init__(
+        self, seen: Observations, noise: NoiseModel, prior: TargetPrior, carried: BorderPrior | None = None
+    ) -> None:
         self.seen = seen
         self.noise = noise
         self.prior = prior
@@ -96,7 +108,13 @@ class JointModel:
         self.prior_diagonal, self.prior_below = self._chain_prior()
         self._prior_own = np.einsum("nbb->nb", self.prior_diagonal).copy()
         self._prior_off = np.einsum("nbb->nb", self.prior_below).copy()
-        self.border_prior = np.array((0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0 if self.any_size else 1.0, 1.0, 1.0))
+        own = np.diag((0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0 if self.any_size else 1.0, 1.0, 1.0))
+        self.known_before = carried is not None
+        self.carried = carried or BorderPrior(np.zeros(BORDER), own)
+
+    def over(self, seen: Observations) -> JointModel:
+        """The same model over other sightings of the flight."""
+        return JointModel(seen, self.noise, self.prior, self.carried if self.known_before else None)
 
     @property
     def measurements(self) -> int:
@@ -106,6 +124,8 @@ class JointModel:
     @property
     def freedom(self) -> int:
         """Degrees of freedom of the chi-square at the minimum: measured numbers less unknowns without a prior."""
+        if self.known_before:
+            return self.measurements
         return self.measurements - (4 if self.any_size else 3)
 
     def start(self, position_m: Vector, velocity_m_s: Vector, log_size: float) -> State:
@@ -175,7 +195,9 @@ class JointModel:
             own[missing, 2, self.size_place] = 1.0
         weighted = self.weighted(residual[:, :, None])[:, :, 0]
         pull = self._prior_times(chain)
-        cost = float(np.vdot(residual, weighted) + np.vdot(chain, pull) + self.border_prior @ (border * border))
+        surprise = border - self.carried.mean
+        cost = float(np.vdot(residual, weighted) + np.vdot(chain, pull))
+        cost += float(surprise @ self.carried.information @ surprise)
         return Linearised(state, cost, residual, own, shared, weighted, pull)
 
     def _turned(self, cosine: Matrix, sine: Matrix) -> Matrix:
@@ -192,7 +214,7 @@ class JointModel:
         return m
 
     def _mixes(self) -> tuple[Matrix, Matrix]:
-        """Derivatives of heading error, tilt error and place (5) by a block of the chain (5, b) and the border (5, 9)."""
+        """Derivatives of heading error, tilt error and place by a block of the chain (5, b) and the border (5, 9)."""
         noise, place = self.noise, np.eye(3)
         own, shared = np.zeros((5, self.block)), np.zeros((5, BORDER))
         own[0, 0], own[1, 1] = self._wander
@@ -226,11 +248,10 @@ class JointModel:
         weighted = np.concatenate((self.weighted(shared), at.weighted[:, :, None]), axis=2)
         by_chain = np.matmul(transposed, weighted)
         by_border = shared.reshape(-1, BORDER).T @ weighted.reshape(-1, BORDER + 1)
-        border = by_border[:, :BORDER].copy()
-        border.flat[:: BORDER + 1] += self.border_prior
+        border = by_border[:, :BORDER] + self.carried.information
         coupling = by_chain[:, :, :BORDER].reshape(count * size, BORDER)
         chain_gradient = by_chain[:, :, BORDER] + at.prior_pull
-        border_gradient = by_border[:, BORDER] + self.border_prior * at.state.border
+        border_gradient = by_border[:, BORDER] + self.carried.information @ (at.state.border - self.carried.mean)
         return factor(diagonal, below, coupling, border), -chain_gradient.reshape(-1), -border_gradient
 
     def _prior_times(self, chain: Matrix) -> Matrix:

@@ -94,7 +94,7 @@ def _walk(model: JointModel, minimum: Minimum, sight: Vector, best: float, step:
                 return nodes
             at = held
         factored, _, _ = model.normal_equations(at)
-        nodes.append(_node(model, Minimum(at, factored, 0, converged=True), sight, wanted))
+        nodes.append(_node(model, Minimum(at, factored, 0, 0.0, converged=True), sight, wanted))
         if at.cost - minimum.at.cost > _DEPTH:
             break
     return nodes

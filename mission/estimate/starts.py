@@ -131,9 +131,9 @@ class _RangeProfile:
         self.others: Vector = np.zeros(len(ranges))
         self.cost: Vector = np.zeros(len(ranges))
 
-    def solve(self, weights: Matrix) -> Vector:
+    def solve(self, weights: Matrix, rounds: int = 1) -> Vector:
         """Solve all ranges with weights (k, n) of the sightings; returns their cost, and leaves each one's misfit."""
-        for _ in range(2):
+        for _ in range(rounds):
             self._least_squares(weights)
         seen, unknowns = self.seen, self.unknowns
         q = (unknowns[:, :6] @ self.linear - self.own).reshape(len(self.ranges), 3, -1)
@@ -162,7 +162,7 @@ class _RangeProfile:
         free = copy(self)
         free.ranges, free.depths, free.unknowns = self.ranges[places], self.depths[places], self.unknowns[places]
         free.firmness = 0.0
-        free.solve(np.broadcast_to(weights, free.depths.shape))
+        free.solve(np.broadcast_to(weights, free.depths.shape), rounds=2)
         starts = []
         for i, k in enumerate(places):
             source, row = (free, i) if free.cost[i] < self.cost[k] else (self, int(k))

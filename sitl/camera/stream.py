@@ -45,7 +45,7 @@ class VideoSender:
         target = f"{url}?pkt_size=1316" if url.startswith("udp://") and "?" not in url else url
         try:
             self._container: OutputContainer = av.open(
-                target, mode="w", format="mpegts", options={"flush_packets": "1"}
+                target, mode="w", format="mpegts", options={"flush_packets": "1", "omit_video_pes_length": "0"}
             )
             self._stream = _h264(self._container, camera)
             self._container.start_encoding()

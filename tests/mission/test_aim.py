@@ -99,6 +99,3 @@ def test_a_cautious_aim_keeps_the_yaw_loop_stable_whatever_the_delay(delay_s: fl
 def test_the_presumed_distance_is_always_possible(height_px: float) -> None:
     assert 1.5 <= presumed_range(height_px, 516.5) <= 40.0
 
-
-def test_an_unknown_height_presumes_ten_metres() -> None:
-    assert presumed_range(None, 516.5) == 10.0
