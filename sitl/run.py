@@ -21,7 +21,6 @@ from mission.records import GeodeticOrigin, Matrix, Vector
 from sitl.scenario import Scenario
 from sitl.score import Score, score, truth_track
 from sitl.simulation import Simulation, simulation
-from sitl.truth import TruthRing
 
 FLIGHT_TIMEOUT_S = 150.0
 
@@ -66,7 +65,7 @@ def fly(
     """
     with simulation(scenario, report, extra_settings=extra_settings, external=external) as running:
         exit_code, said = locate(running, ["--take-off", f"{scenario.vehicle.take_off_height_m}"], tell)
-        result = _scored(scenario, running.ring, report, exit_code, said)
+        result = scored(running, report, exit_code, said)
     text = json.dumps(asdict(result), indent=2)
     (report / "result.json").write_text(text + "\n", encoding="utf-8")
     return result
@@ -100,7 +99,16 @@ def locate(
         return process.wait(), said
 
 
-def _scored(scenario: Scenario, ring: TruthRing, report: Path, exit_code: int, said: list[str]) -> Result:
+def scored(running: Simulation, report: Path, exit_code: int, said: list[str]) -> Result:
+    """The newest flight of a report folder beside the truth, with its plan view drawn again with the truth in it.
+
+    Args:
+        running: the simulation that was flown.
+        report: the folder that holds its flights.
+        exit_code: of `sidestep locate`.
+        said: the lines that it printed.
+    """
+    scenario, ring = running.scenario, running.ring
     folders = sorted(path.parent for path in (report / "flights").glob("*/answer.json"))
     content = {**_json(folders[-1] / "answer.json"), **_json(folders[-1] / "estimate.json")} if folders else {}
     answer = content.get("estimate")

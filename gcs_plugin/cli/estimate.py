@@ -60,12 +60,22 @@ def _answer_file(path: Path, estimator: Estimator, stream: TextIO) -> int:
             line, answered = _answer(flight, estimator)
             if not answered:
                 status = SOME_MISSING
-            stream.write(line + "\n")
-            stream.flush()
+            _write(line, stream)
     except SightingsFormatError as error:
         typer.echo(f"sidestep: {error}", err=True)
         return UNREADABLE
     return status
+
+
+def _write(line: str, stream: TextIO) -> None:
+    """One line, at once, so that a reader at the other end of a pipe sees it."""
+    try:
+        stream.write(line + "\n")
+        stream.flush()
+    except BrokenPipeError:
+        raise  # nobody reads any more: the command line ends quietly
+    except OSError as error:
+        raise SettingsError(f"The answers cannot be written: {error.strerror}", "Make room for them.") from None
 
 
 def _answer(flight: FlightSightings | FlightProblem, estimator: Estimator) -> tuple[str, bool]:

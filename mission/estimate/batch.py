@@ -18,9 +18,9 @@ from mission.estimate.gauss_newton import Minimum, minimise
 from mission.estimate.joint_model import WHITE, BorderPrior, JointModel
 from mission.estimate.observations import Observations, observe, tamed_noise, tamed_prior
 from mission.estimate.posterior import to_estimate
-from mission.estimate.starts import Start, Starts, find_starts
+from mission.estimate.starts import Start, Starts, find_starts, meets_behind
 from mission.estimate.wrong_sightings import PIXEL_LIMIT, SIZE_LIMIT, blunder_scores, plausible, worst
-from mission.records import Estimate, FlightSightings
+from mission.records import Estimate, FlightSightings, Vector
 
 _RIVAL = 12.0
 """A start whose cost is this much above the best one's (as a share of it, or absolutely) is not tried."""
@@ -94,6 +94,11 @@ def most_probable(
         if model.count <= before:
             break
     if model.count < _MAJORITY * len(seen.t_s):
+        if meets_behind(seen, flight.noise, flight.prior):
+            raise EstimateRefused(
+                "The lines of sight meet behind the camera",
+                "Check the camera's mounting, and that the quaternion is world_from_camera with w first.",
+            )
         raise EstimateRefused(
             "The sightings contradict each other: no single target explains most of them",
             "Check that one and the same person was tracked, and the camera's calibration and mounting.",
@@ -170,8 +175,7 @@ def _without_blunders(model: JointModel, minimum: Minimum) -> tuple[JointModel, 
 def _readmitted(seen: Observations, model: JointModel, minimum: Minimum) -> tuple[JointModel, Minimum]:
     """Take back what was found wrong too early: the start was rough, and the most probable state knows better."""
     everything = model.over(seen)
-    nearest = np.abs(seen.t_s[:, None] - model.seen.t_s).argmin(axis=1)
-    state = everything.adopt(model, minimum.at.state, nearest)
+    state = everything.adopt(model, minimum.at.state, _nearest(model.seen.t_s, seen.t_s))
     inside = np.isin(seen.index, model.seen.index)
     state.chain[~inside, WHITE] = 0.0
     at = everything.linearise(state)
@@ -183,3 +187,11 @@ def _readmitted(seen: Observations, model: JointModel, minimum: Minimum) -> tupl
     kept = inside | back
     larger = model.over(seen.only(kept))
     return _without_blunders(larger, minimise(larger, larger.adopt(everything, state, np.flatnonzero(kept))))
+
+
+def _nearest(times_s: Vector, wanted_s: Vector) -> NDArray[np.intp]:
+    """For each wanted time the index of the nearest of some ascending times."""
+    after = np.searchsorted(times_s, wanted_s).clip(1, max(len(times_s) - 1, 1))
+    before = after - 1
+    after = after.clip(0, len(times_s) - 1)
+    return np.where(wanted_s - times_s[before] <= times_s[after] - wanted_s, before, after)

@@ -67,7 +67,7 @@ def minimise(
         at = moved
         # Convergence is linear after the first step, so the next one would promise about promised^2 / before.
         expected = math.inf if before is None else promised * promised / before
-        if promised < tolerance or expected < 0.1 * tolerance:
+        if promised < tolerance or expected < 0.5 * tolerance:
             return Minimum(at, factored, steps, promised, converged=True)
         before = None if steps == 1 and before is None else promised
         if steps >= max_steps:

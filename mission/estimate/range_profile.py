@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mission.estimate.arrow import Factored
 from mission.estimate.gauss_newton import Minimum
 from mission.estimate.joint_model import JointModel, Linearised, P, State
 from mission.estimate.target_covariance import TargetMoments, target_moments
@@ -83,26 +84,27 @@ class _Node:
 
 
 def _walk(model: JointModel, minimum: Minimum, sight: Vector, best: float, step: float) -> list[_Node]:
-    """Ranges from the minimum outwards, each started from where the last one ended."""
+    """Ranges from the minimum outwards, each one Gauss-Newton step away from where the last one ended."""
     nodes: list[_Node] = []
     at = minimum.at
+    equations = model.normal_equations(at)
     for number in range(1, _MOST + 1):
         wanted = best * float(np.exp(number * step))
-        for _ in range(2):
-            held = _held(model, at, sight, wanted)
-            if held is None:
-                return nodes
-            at = held
-        factored, _, _ = model.normal_equations(at)
-        nodes.append(_node(model, Minimum(at, factored, 0, 0.0, converged=True), sight, wanted))
+        held = _held(model, at, equations, sight, wanted)
+        if held is None:
+            break
+        at, equations = held, model.normal_equations(held)
+        nodes.append(_node(model, Minimum(at, equations[0], 0, 0.0, converged=True), sight, wanted))
         if at.cost - minimum.at.cost > _DEPTH:
             break
     return nodes
 
 
-def _held(model: JointModel, at: Linearised, sight: Vector, wanted: float) -> Linearised | None:
+def _held(
+    model: JointModel, at: Linearised, equations: tuple[Factored, Vector, Vector], sight: Vector, wanted: float
+) -> Linearised | None:
     """One Gauss-Newton step with the range held at `wanted` (a linear constraint, so a multiplier does it)."""
-    factored, chain, border = model.normal_equations(at)
+    factored, chain, border = equations
     free_chain, free_border = factored.solve(chain, border)
     unit = np.zeros(len(border))
     unit[P] = sight

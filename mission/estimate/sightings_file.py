@@ -31,8 +31,8 @@ __all__ = [
     "write_flight",
 ]
 
-MAX_SIGHTINGS = 20_000
-"""Sightings that one flight may have (11 minutes at 30 per second)."""
+MAX_SIGHTINGS = 10_000
+"""Sightings that one flight may have (five and a half minutes at 30 per second)."""
 MAX_LINE_BYTES = 1 << 20
 """Length that one line may have."""
 

@@ -89,6 +89,17 @@ def find_starts(seen: Observations, noise: NoiseModel, prior: TargetPrior) -> St
     return Starts(starts, right, grid.usual_size)
 
 
+def meets_behind(seen: Observations, noise: NoiseModel, prior: TargetPrior) -> bool:
+    """Whether the lines of sight, taken as whole lines, meet behind the camera."""
+    travel = float(np.linalg.norm(np.ptp(seen.camera_m, axis=0)))
+    lines = _RangeProfile(seen, noise, prior, np.array([10.0 * travel]))
+    lines.firmness = 0.0
+    lines.sized = False
+    lines.solve(np.ones((1, len(seen.t_s))))
+    depths = lines.unknowns[0, :6] @ lines.along.T - lines.depth_offset
+    return bool(np.sort(depths)[len(depths) // 2] < 0.0)
+
+
 class _RangeProfile:
     """Least squares for each hypothesised depth of the first sighting."""
 

@@ -22,6 +22,9 @@ PIXEL_CORRELATION_S = 0.25
 SIZE_CORRELATION_S = 0.5
 """How long the reported errors last (autocorrelation down to 1/e): they come from the gait and from the view."""
 
+CUT_OFF_SIGMA = 0.06
+"""Of the centre while feet or head are out of the picture, body heights: where the middle is must then be guessed, and the
+guess (3 % of the height wrong) stays wrong for as long as it lasts, many times the correlation time."""
 _FILTER_SIGMA = 0.02
 """What the filter says of a place that is measured all the time, body heights."""
 
@@ -38,7 +41,7 @@ def pixel_sigma_px(height_px: float, filter_sigma_px: float, cut_off: bool) -> f
         filter_sigma_px: what the filter knows; it counts where it is more than usual.
         cut_off: part of the body is out of the picture.
     """
-    usual = np.hypot(0.5, 0.009 * height_px) + (0.016 * height_px if cut_off else 0.0)
+    usual = np.hypot(0.5, 0.009 * height_px) + (CUT_OFF_SIGMA * height_px if cut_off else 0.0)
     return float(np.hypot(usual, max(0.0, filter_sigma_px - _FILTER_SIGMA * height_px)))
 
 

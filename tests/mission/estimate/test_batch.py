@@ -233,7 +233,7 @@ def test_a_target_behind_the_camera_is_refused(sim: SimulatedFlight) -> None:
         w, x, y, z = s.world_from_camera_wxyz
         return replace(s, world_from_camera_wxyz=(-y, -z, w, x))  # by half a turn about the camera's y axis
 
-    refused(replace(sim.flight, sightings=tuple(turned(s) for s in sim.flight.sightings)))
+    assert "behind" in refused(replace(sim.flight, sightings=tuple(turned(s) for s in sim.flight.sightings)))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,71 @@
+"""SciPy's `least_squares` on the batch estimator's residuals: what a general solver makes of the same problem.
+
+The residuals are those of `mission.estimate.joint_model`, whitened, with the priors as further residuals; the start is
+the batch's own. Jacobians are numerical but their sparsity is told, as a user of SciPy would do it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.sparse import csr_matrix, lil_matrix
+
+from mission.errors import EstimateRefused
+from mission.estimate.joint_model import BORDER, JointModel, State
+from mission.estimate.observations import observe
+from mission.estimate.starts import find_starts
+from mission.records import FlightSightings, Matrix, Vector
+
+
+class LeastSquaresProblem:
+    """The joint model as one vector of unknowns and one of residuals, for constant velocity and heights throughout."""
+
+    def __init__(self, flight: FlightSightings) -> None:
+        seen = observe(flight)
+        self.model = JointModel(seen, flight.noise, flight.prior)
+        if self.model.manoeuvres or self.model.fills_size:
+            raise EstimateRefused("This comparison is for constant velocity and heights throughout")
+        best = find_starts(seen, flight.noise, flight.prior).starts[0]
+        start = self.model.start(best.position_m, best.velocity_m_s, best.log_size)
+        self.start = np.concatenate((start.chain.reshape(-1), start.border))
+        n, b = self.model.count, self.model.block
+        self.rows = np.stack([_whitener(self.model.precision[:, c], self.model.precision_off[:, c]) for c in range(3)])
+        diagonal = np.einsum("nbb->nb", self.model.prior_diagonal)
+        off = np.einsum("nbb->nb", self.model.prior_below)
+        self.priors = np.stack([_whitener(diagonal[:, place], off[:, place]) for place in range(b)])
+        self.border_root = np.sqrt(np.diag(self.model.carried.information))
+        pattern = lil_matrix((3 * n + n * b + BORDER, n * b + BORDER), dtype=int)
+        for i in range(n):
+            near = slice(max(i - 1, 0) * b, (i + 1) * b)
+            for row in range(3):
+                pattern[row * n + i, near] = 1
+                pattern[row * n + i, n * b :] = 1
+            for place in range(b):
+                pattern[3 * n + place * n + i, place : (i + 1) * b : b] = 0
+                pattern[3 * n + place * n + i, [max(i - 1, 0) * b + place, i * b + place]] = 1
+        for place in range(BORDER):
+            pattern[3 * n + n * b + place, n * b + place] = 1
+        self.sparsity: csr_matrix = csr_matrix(pattern)
+
+    def residuals(self, unknowns: Vector) -> Vector:
+        """Whitened residuals of the sightings, of the chain's priors and of the border's."""
+        n, b = self.model.count, self.model.block
+        chain, border = unknowns[: n * b].reshape(n, b), unknowns[n * b :]
+        at = self.model.linearise(State(chain, border))
+        if at is None:
+            return np.full(3 * n + n * b + BORDER, 1e6)
+        seen = np.einsum("cij,jc->ci", self.rows, at.residual).reshape(-1)
+        prior = np.einsum("pij,jp->pi", self.priors, chain).reshape(-1)
+        return np.concatenate((seen, prior, self.border_root * border))
+
+    def solve(self) -> State:
+        """The minimum that SciPy finds."""
+        found = least_squares(self.residuals, self.start, jac_sparsity=self.sparsity, method="trf", x_scale=1.0)
+        n, b = self.model.count, self.model.block
+        return State(found.x[: n * b].reshape(n, b), found.x[n * b :])
+
+
+def _whitener(diagonal: Vector, off: Vector) -> Matrix:
+    """Upper bidiagonal U with U' U the tridiagonal precision, (n, n)."""
+    full = np.diag(diagonal) + np.diag(off, -1) + np.diag(off, 1)
+    return np.asarray(np.linalg.cholesky(full).T)
