@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 
@@ -26,10 +27,15 @@ from gcs_plugin.publish import Link, StatusTexts, camera_tracking_geo_status, se
 from mission.drones.drone import Drone
 from mission.errors import AnswerError, SidestepError
 from mission.estimate.answer_line import estimate_line
+from mission.flight_record import KeyFrame
 from mission.located import Located, Stage
 from mission.records import Estimate, FlightSightings, Frame
 from mission.settings import AnswerSettings
 from mission.track import Track
+
+SEEN_FRAMES = 12
+"""Pictures kept for a flight without an answer, the newest."""
+SEEN_INTERVAL_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +87,7 @@ class Answer:
         self._stage: Stage | None = None
         self._timing: dict[str, float] = {}
         self._log_failed = False
+        self._seen: deque[KeyFrame] = deque(maxlen=SEEN_FRAMES)
         self.geotag: Geotag | None = None
         """The acknowledged geotag."""
 
@@ -93,8 +100,10 @@ class Answer:
         self._stage = stage
 
     def frame(self, frame: Frame, track: Track | None) -> None:
-        """Tell the terminal."""
+        """Tell the terminal, and keep a picture now and then in case the flight gives no answer."""
         self._progress.frame(frame, track)
+        if track is not None and (not self._seen or frame.t_s - self._seen[-1].t_s >= SEEN_INTERVAL_S):
+            self._seen.append(KeyFrame(frame.image.copy(), frame.t_s, track))
 
     def sightings(self, flight: FlightSightings) -> None:
         """Keep the sightings, whatever follows."""
@@ -127,12 +136,15 @@ class Answer:
         self._attempt("estimate.json", lambda: self._write_estimate(located))
         self._attempt("plan view", lambda: self._folder.write_plan_view(self._plan_view(located)))
         if located.key_frames:
-            self._attempt("contact sheet", lambda: self._folder.write_contact_sheet(_contact_sheet(located)))
+            self._attempt("contact sheet", lambda: self._folder.write_contact_sheet(_contact_sheet(located.key_frames)))
 
     def failed(self, error: SidestepError) -> None:
         """The flight gave no answer: keep why, and tell the ground station."""
         self._event("failed", str(error))
         self._attempt("answer.json", lambda: self._folder.write_no_answer(error))
+        if self._seen:
+            seen = tuple(self._seen)
+            self._attempt("contact sheet", lambda: self._folder.write_contact_sheet(_contact_sheet(seen)))
         if self._texts is not None:
             self._texts.send(f"sidestep: no answer: {error.cause}")
 
@@ -235,8 +247,8 @@ class Answer:
             self._log_failed = True
 
 
-def _contact_sheet(located: Located) -> bytes:
-    return contact_sheet(located.key_frames, started_s=located.key_frames[0].t_s)
+def _contact_sheet(frames: Sequence[KeyFrame]) -> bytes:
+    return contact_sheet(frames, started_s=frames[0].t_s)
 
 
 def _rate(located: Located) -> float:

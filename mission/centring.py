@@ -13,11 +13,14 @@ from mission.located import Stage, Watcher
 from mission.pointing import Pointing
 
 CENTRED_RAD = math.radians(3.0)
+NEARLY_CENTRED_RAD = math.radians(12.0)
+"""Good enough for measuring the offset; before it is known, the aim lags behind a walking target."""
 STEADY_S = 0.4
 """The target is centred when it has been for this long."""
 TIMEOUT_S = 12.0
-WIGGLE_RAD = math.radians(10.0)
-WIGGLE_S = 1.6
+WIGGLES_RAD = (math.radians(12.0), math.radians(18.0))
+"""How far to turn; further when the first was too little to tell."""
+WIGGLE_S = 2.2
 """A yaw to one side, to the other and back."""
 
 
@@ -50,6 +53,7 @@ class Centring:
         self._clock = clock
         self._offset: TimeOffset | None = None
         self._wiggle_s: float | None = None
+        self._wiggles = 0
 
     def run(self) -> TimeOffset | None:
         """Turn until the target is in the middle; the time offset where it could be told.
@@ -72,29 +76,37 @@ class Centring:
             if beside is not None:
                 centred_since_s = None
                 continue
-            if abs(self._pointing.off_axis_rad()) > CENTRED_RAD:
+            wanted = CENTRED_RAD if self._meter is None else NEARLY_CENTRED_RAD
+            if abs(self._pointing.off_axis_rad()) > wanted:
                 centred_since_s = None
                 continue
             centred_since_s = now if centred_since_s is None else centred_since_s
             if now - centred_since_s < STEADY_S:
                 continue
-            if self._meter is None or self._measured():
+            if self._meter is None:
                 return self._offset
+            centred_since_s = None
+            if self._measured():
+                continue
+            if self._wiggles == len(WIGGLES_RAD):
+                self._give_up()
+                continue
             self._watcher.stage(Stage.CENTRE, "a short yaw wiggle measures the video's time offset")
             self._wiggle_s = now
+            self._wiggles += 1
         self._watcher.stage(Stage.CENTRE, "the target is not quite centred; going on")
         self._give_up()
         return self._offset
 
     def _wiggle(self, now_s: float) -> float | None:
-        """How far to point beside the target; None when no wiggle is flown, and the offset is taken when one ends."""
+        """How far to point beside the target; None when no wiggle is flown."""
         if self._wiggle_s is None:
             return None
         phase = (now_s - self._wiggle_s) / WIGGLE_S
         if phase < 1.0:
-            return WIGGLE_RAD * math.sin(2.0 * math.pi * phase)
+            return WIGGLES_RAD[self._wiggles - 1] * math.sin(2.0 * math.pi * phase)
         self._wiggle_s = None
-        self._give_up()
+        self._measured()
         return None
 
     def _measured(self) -> bool:

@@ -6,8 +6,10 @@ knows aircraft only as `Drone` and reports only to its `Watcher`.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 from mission.camera.camera import Camera
@@ -17,7 +19,7 @@ from mission.detect import Detector, choose
 from mission.drones.drone import Drone
 from mission.errors import DetectionError, EstimateRefused, FlightEnded, LinkError, VideoError
 from mission.estimate import ESTIMATORS
-from mission.estimate.noise_fit import fit_noise, rescaled
+from mission.estimate.noise_fit import fit_noise, no_better, rescaled
 from mission.flight_loop import FlightLoop
 from mission.flight_record import FlightRecord
 from mission.located import Located, Stage, TargetChoice, Watcher
@@ -30,6 +32,8 @@ from mission.video import VideoSource
 SAME_PERSON = 0.3
 """Overlap of two looks' boxes that are the same person."""
 ORDER_TIMEOUT_S = 15.0
+UNKNOWN_OFFSET_RAD = 0.03
+"""Wander of the heading when the video's delay could not be measured: 0.1 s at the 0.3 rad/s of an ordinary pattern."""
 LOCAL_ORIGIN = GeodeticOrigin(0.0, 0.0, 0.0)
 """Stands for an unknown place, for aircraft without a global position."""
 
@@ -69,6 +73,7 @@ class Locate:
         self._clock = clock
         self._loop = FlightLoop(drone, video, aborted, clock)
         self._tracker = tracker
+        self._offset: TimeOffset | None = None
         self._pointing = Pointing(drone, camera, tracker, cautious=settings.video.check_offset)
 
     def run(self, choice: TargetChoice, flight_id: str) -> Located:
@@ -89,9 +94,8 @@ class Locate:
             self._drone.begin(self._settings.limits.bounds())
             self._hover()
             self._acquire(choice)
-            offset = self._centre()
-            record = self._sidestep(flight_id)
-            return self._estimate(record, offset)
+            self._offset = self._centre()
+            return self._estimate(self._sidestep(flight_id))
         finally:
             if self._loop.ours:
                 self._watcher.stage(Stage.HOLD, "giving control back, holding")
@@ -162,16 +166,16 @@ class Locate:
             raise
         return record
 
-    def _estimate(self, record: FlightRecord, offset: TimeOffset | None) -> Located:
+    def _estimate(self, record: FlightRecord) -> Located:
         self._watcher.stage(Stage.ESTIMATE, f"estimating from {len(record.seen)} frames")
-        located = self._loop.meanwhile(partial(self._answer, record, offset, self._loop.last_frame_s))
+        located = self._loop.meanwhile(partial(self._answer, record, self._loop.last_frame_s))
         self._watcher.stage(Stage.REPORT, "reporting")
         self._loop.meanwhile(partial(self._watcher.located, located))
         return located
 
-    def _answer(self, record: FlightRecord, offset: TimeOffset | None, last_frame_s: float) -> Located:
+    def _answer(self, record: FlightRecord, last_frame_s: float) -> Located:
         flight = self._flight(record)
-        flight = rescaled(flight, fit_noise(flight))
+        flight = rescaled(flight, no_better(fit_noise(flight), flight.noise))
         self._watcher.sightings(flight)
         estimate = ESTIMATORS["batch"].estimate(flight)
         comparisons = []
@@ -185,7 +189,7 @@ class Locate:
             estimate=estimate,
             comparisons=tuple(comparisons),
             geodetic=self._drone.origin is not None,
-            offset=offset,
+            offset=self._offset,
             drone_track=record.drone_track(self._drone.pose_at, self._pointing.offset_s),
             key_frames=tuple(record.key_frames),
             target_picture=record.target_picture(),
@@ -193,10 +197,18 @@ class Locate:
         )
 
     def _flight(self, record: FlightRecord) -> FlightSightings:
+        noise = self._drone.noise()
+        video = self._settings.video
+        if self._offset is None and video.check_offset and video.latency_s is None and not self._camera.latency_s:
+            noise = replace(
+                noise,
+                heading_sigma_rad=math.hypot(noise.heading_sigma_rad, UNKNOWN_OFFSET_RAD),
+                tilt_sigma_rad=math.hypot(noise.tilt_sigma_rad, UNKNOWN_OFFSET_RAD / 2.0),
+            )
         return record.sightings(
             self._drone.origin or LOCAL_ORIGIN,
             self._drone.pose_at,
             self._pointing.offset_s,
-            self._drone.noise(),
+            noise,
             self._settings.prior.prior(),
         )

@@ -11,13 +11,15 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from sitl.accuracy.cli import register as register_accuracy
 from sitl.run import Result, fly
 from sitl.scenario import Scenario, read_scenario
 from sitl.score import Score
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
+    """Add the simulator's commands to the application."""
+    register_accuracy(app)
 
     @app.command()
     def sitl(

@@ -54,7 +54,8 @@
     walk_from_line_of_sight_deg = 135.0   # 0 = away from the drone, 90 = to the right as it sees it, 180 = towards it
     # walk_heading_deg = 90.0        # instead: clockwise from true north. People who stand face this way
     at = "start"                     # walks from the first frame on
-    # when = "drone-moves"           # instead: from when the drone flies sideways (mark 0 of the truth)
+    # when = "drone-turns"           # instead: from when the drone, in the air, first turns (mark 0 of the truth)
+    # when = "drone-moves"           # instead: from when it flies sideways; all who wait wait for the same
     stop_after_s = 30.0              # optional, after the walk began
     turns = [{ after_s = 4.0, by_deg = -90.0 }]   # optional, clockwise, after the walk began
     height_m = 1.75                  # 1.5 to 1.95
@@ -214,7 +215,7 @@ class Person(_Table):
     walk_from_line_of_sight_deg: Degrees | None = None
     walk_heading_deg: Degrees | None = None
     at: Literal["start"] | None = None
-    when: Literal["drone-moves"] | None = None
+    when: Literal["drone-moves", "drone-turns"] | None = None
     stop_after_s: float | None = Field(default=None, ge=0.0, le=600.0)
     turns: tuple[Turn, ...] = ()
     height_m: float = Field(default=1.75, ge=1.5, le=1.95)
@@ -225,7 +226,7 @@ class Person(_Table):
         if self.walk_from_line_of_sight_deg is not None and self.walk_heading_deg is not None:
             raise ValueError("give either walk_from_line_of_sight_deg or walk_heading_deg, not both")
         if self.at is not None and self.when is not None:
-            raise ValueError('give either at = "start" or when = "drone-moves", not both')
+            raise ValueError('give either at = "start" or when, not both')
         return self
 
     @property
@@ -238,8 +239,8 @@ class Person(_Table):
 
     @property
     def waits_for_drone(self) -> bool:
-        """Whether the walk begins when the drone flies sideways."""
-        return self.when == "drone-moves"
+        """Whether the walk begins with what the drone does."""
+        return self.when is not None
 
 
 class Obstacle(_Table):
@@ -266,6 +267,17 @@ class Scenario(_Table):
     light: Light = Light()
     people: tuple[Person, ...] = Field(default=(), max_length=8)
     obstacles: tuple[Obstacle, ...] = Field(default=(), max_length=20)
+
+    @model_validator(mode="after")
+    def _one_signal(self) -> Self:
+        if len({person.when for person in self.people if person.when is not None}) > 1:
+            raise ValueError("all people who wait for the drone must wait for the same, drone-moves or drone-turns")
+        return self
+
+    @property
+    def walks_on_turn(self) -> bool:
+        """Whether those who wait walk as soon as the drone turns."""
+        return any(person.when == "drone-turns" for person in self.people)
 
 
 def parse_scenario(text: str, source: str = "scenario") -> Scenario:

@@ -21,7 +21,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("locate", "estimate", "calibrate", "export", "draw", "settings")
+COMMANDS = ("locate", "plan", "estimate", "calibrate", "export", "draw", "settings")
 """Files of this folder; each has `register(app)`."""
 
 

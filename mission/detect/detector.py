@@ -45,10 +45,26 @@ def crop(image: Image, region: Box | None) -> tuple[Image, int, int]:
     return image[top:bottom, left:right], left, top
 
 
+SAME_BODY = 0.7
+"""Share of a box inside a better one from which on both are the same body: half a body scores, too."""
+
+
 def suppress(found: Sequence[Detection], score_threshold: float, overlap: float) -> list[Detection]:
-    """Non-maximum suppression (greedy, by intersection over union), best score first."""
+    """Non-maximum suppression (greedy, by intersection over union, then by inclusion), best score first."""
     if not found:
         return []
     boxes = [(d.box.left_px, d.box.top_px, d.box.width_px, d.box.height_px) for d in found]
-    kept = cv2.dnn.NMSBoxes(boxes, [d.score for d in found], score_threshold, overlap)
-    return sorted((found[int(i)] for i in np.ravel(kept)), key=lambda d: -d.score)
+    chosen = cv2.dnn.NMSBoxes(boxes, [d.score for d in found], score_threshold, overlap)
+    kept: list[Detection] = []
+    for detection in sorted((found[int(i)] for i in np.ravel(chosen)), key=lambda d: -d.score):
+        if all(_inside(detection.box, better.box) < SAME_BODY for better in kept):
+            kept.append(detection)
+    return kept
+
+
+def _inside(box: Box, other: Box) -> float:
+    """Share of the smaller box that lies in the other one."""
+    w = min(box.right_px, other.right_px) - max(box.left_px, other.left_px)
+    h = min(box.bottom_px, other.bottom_px) - max(box.top_px, other.top_px)
+    smaller = min(box.width_px * box.height_px, other.width_px * other.height_px)
+    return max(w, 0.0) * max(h, 0.0) / max(smaller, 1e-9)

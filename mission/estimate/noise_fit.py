@@ -101,6 +101,25 @@ def fit_noise(flight: FlightSightings) -> NoiseModel:
     return _scaled(flight.noise, log_factors, rate)
 
 
+def no_better(fitted: NoiseModel, stated: NoiseModel) -> NoiseModel:
+    """The fitted model, its pose no better than stated.
+
+    A few seconds may be too short for a slow wander to show itself, so a quiet flight proves nothing, but a restless
+    one does. How well the target is seen shows in every frame and may be better than stated.
+
+    Args:
+        fitted: from `fit_noise`.
+        stated: what the aircraft says of itself.
+    """
+    return replace(
+        fitted,
+        position_sigma_m=max(fitted.position_sigma_m, stated.position_sigma_m),
+        position_walk_m_per_sqrt_s=max(fitted.position_walk_m_per_sqrt_s, stated.position_walk_m_per_sqrt_s),
+        heading_sigma_rad=max(fitted.heading_sigma_rad, stated.heading_sigma_rad),
+        tilt_sigma_rad=max(fitted.tilt_sigma_rad, stated.tilt_sigma_rad),
+    )
+
+
 def rescaled(flight: FlightSightings, noise: NoiseModel) -> FlightSightings:
     """The flight under another noise model, its sightings' own sigmas scaled as the model's are."""
     pixel = _ratio(noise.pixel_sigma_px, flight.noise.pixel_sigma_px)

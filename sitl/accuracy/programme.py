@@ -1,58 +1,47 @@
 """The accuracy programme: every method on the same simulated flights, beside the paper's figures and the bound.
 
-Flights are made at sighting level (`flights.py`) with the documented noise: the paper's twelve rows, and twelve more in
-diagonal directions and beyond 11 m. Each row is flown many times; a method's figure is the median depth error.
+Flights are made at sighting level (`flights.py`) for the rows of `rows.py`. Each row is flown many times; a method's
+figures are the median and the 95th percentile of its depth error at the first sighting, and for methods with a
+covariance how often the 95 % ellipse of the last position holds the truth.
 """
 
 from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from mission.errors import EstimateRefused
-from mission.estimate import ESTIMATORS
+from mission.estimate import ESTIMATORS, Estimator
 from mission.estimate.bound import bound
-from mission.records import FlightSightings, Vector
-from sitl.accuracy.flights import Pattern, SimulatedFlight, Walk, out_and_back, paper_pattern, s_pattern, simulate
+from mission.records import Estimate
+from sitl.accuracy import stone_soup
+from sitl.accuracy.bearing_angle import BearingAngle
+from sitl.accuracy.flights import SimulatedFlight
+from sitl.accuracy.ground_ray import GroundRay
+from sitl.accuracy.least_squares import LeastSquares
+from sitl.accuracy.rows import ROWS, PatternName, Row, row_flights
 
-PatternName = Literal["out-and-back", "S", "paper"]
-PATTERNS: Mapping[PatternName, Pattern] = {
-    "out-and-back": out_and_back(),
-    "S": s_pattern(),
-    "paper": paper_pattern(),
-}
-_SPEED = 0.6
-_EDGE = 0.6
-"""Tangent of the angle off the axis at which the target leaves the picture."""
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One case of the table."""
-
-    motion: str
-    depth_m: float
-    velocity_m_s: tuple[float, float]
-    """To the right and ahead."""
-    published_percent: float | None = None
-    """The paper's depth error (tables III to V)."""
-
-
-ROWS: tuple[Row, ...] = (
-    *(Row("stationary", z, (0.0, 0.0), e) for z, e in ((2.75, 14.5), (5.5, 9.3), (7.25, 3.6), (9.0, 0.4))),
-    *(Row("perpendicular", z, (0.0, _SPEED), e) for z, e in ((4.5, 9.3), (7.6, 12.0), (5.45, 2.2), (6.9, 2.2))),
-    *(Row("parallel", z, (_SPEED, 0.0), e) for z, e in ((2.75, 24.7), (5.5, 12.3), (7.25, 14.2), (9.0, 9.1))),
-    *(Row("diagonal, away", z, (0.42, 0.42)) for z in (2.75, 5.5, 7.25, 9.0)),
-    *(Row("diagonal, nearer", z, (-0.25, -0.25)) for z in (5.5, 7.25, 9.0, 12.0)),
-    *(Row("stationary", z, (0.0, 0.0)) for z in (12.0, 25.0)),
-    *(Row("parallel", z, (_SPEED, 0.0)) for z in (15.0, 25.0)),
+_LEAST_SQUARES = LeastSquares()
+_STONE_SOUP: tuple[Estimator, ...] = (stone_soup.StoneSoup("EKF"), stone_soup.StoneSoup("UKF"))
+_METHODS: tuple[Estimator, ...] = (
+    *(ESTIMATORS[name] for name in ("classical", "stereo", "three-image", "four-image")),
+    GroundRay(),
+    *_STONE_SOUP,
+    BearingAngle(),
+    _LEAST_SQUARES,
+    ESTIMATORS["batch"],
 )
+METHODS: Mapping[str, Estimator] = {method.name: method for method in _METHODS}
+"""The methods that are compared, in the order of the table."""
+BOUND = "bound"
+"""Name of the Cramer-Rao bound among the figures."""
+INSIDE_CHI2 = 5.991
+"""95th percentile of chi-square with 2 degrees of freedom."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +59,21 @@ class Figures:
     """Share of final positions inside of their 95 % ellipse, for methods with a covariance."""
 
 
+def available_methods() -> tuple[str, ...]:
+    """Names of the methods that can run here: all but those of a package that is not installed."""
+    left_out = () if stone_soup.installed() else tuple(method.name for method in _STONE_SOUP)
+    return tuple(name for name in METHODS if name not in left_out)
+
+
 def accuracy(
-    pattern: PatternName, flights: int, seed: int, *, rows: Sequence[Row] = ROWS, methods: Sequence[str] = ()
+    pattern: PatternName,
+    flights: int,
+    seed: int,
+    *,
+    rows: Sequence[Row] = ROWS,
+    methods: Sequence[str] = (),
+    least_squares_flights: int = 3,
+    tell: Callable[[], None] | None = None,
 ) -> Iterator[Figures]:
     """Fly every row and give each method's figures, and the bound's as a method of its own.
 
@@ -80,18 +82,22 @@ def accuracy(
         flights: how many flights a row.
         seed: of all randomness; every method gets the same flights.
         rows: the cases.
-        methods: names out of `ESTIMATORS`, all of them when empty.
+        methods: names out of `METHODS`, all that are available when empty.
+        least_squares_flights: SciPy's solver gets no more than this many of a row's flights; it is slow.
+        tell: called after each solution.
     """
-    names = tuple(methods) or tuple(ESTIMATORS)
+    names = tuple(methods) or available_methods()
     for number, row in enumerate(rows):
-        rng = np.random.default_rng((seed, number))
-        simulated = [_flown(row, pattern, rng) for _ in range(flights)]
+        simulated = row_flights(row, pattern, flights, np.random.default_rng((seed, number)))
         for name in names:
-            yield _figures(row, name, simulated)
-        sigma = [_bound_percent(sim) for sim in simulated]
-        # Of a normal error the median of the absolute value is 0.6745 sigma, its 95th percentile 1.96.
-        middle = float(np.median(sigma))
-        yield Figures(row, "bound", 0.6745 * middle, 1.96 * middle, flights, flights, None)
+            yield _figures(row, name, simulated[: _share(name, flights, least_squares_flights)], tell)
+        yield _bound_figures(row, simulated)
+
+
+def solutions(methods: Sequence[str], rows: int, flights: int, least_squares_flights: int) -> int:
+    """How many solutions `accuracy` will have made: what a progress bar counts."""
+    names = tuple(methods) or available_methods()
+    return rows * sum(_share(name, flights, least_squares_flights) for name in names)
 
 
 def write_csv(path: Path, figures: Sequence[Figures]) -> None:
@@ -103,57 +109,77 @@ def write_csv(path: Path, figures: Sequence[Figures]) -> None:
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(
-            ("motion", "depth_m", "method", "median_percent", "p95_percent", "answered", "flights", "inside_percent")
+            (
+                *("motion", "depth_m", "published_percent", "method", "median_percent", "p95_percent"),
+                *("answered", "flights", "inside_percent"),
+            )
         )
         for f in figures:
-            inside = "" if f.inside_percent is None else f"{f.inside_percent:.1f}"
             writer.writerow(
                 (
                     f.row.motion,
                     f.row.depth_m,
+                    "" if f.row.published_percent is None else f.row.published_percent,
                     f.method,
-                    f"{f.median_percent:.2f}",
-                    f"{f.p95_percent:.2f}",
+                    f"{f.median_percent:.2f}" if f.answered else "",
+                    f"{f.p95_percent:.2f}" if f.answered else "",
                     f.answered,
                     f.flights,
-                    inside,
+                    "" if f.inside_percent is None else f"{f.inside_percent:.1f}",
                 )
             )
 
 
-def _flown(row: Row, name: PatternName, rng: np.random.Generator) -> SimulatedFlight:
-    right, ahead = row.velocity_m_s
-    sim = simulate(PATTERNS[name], Walk(row.depth_m, (right, ahead, 0.0)), rng)
-    if PATTERNS[name].heading_on_target:
-        return sim
-    # With a fixed heading the target leaves the picture, and the pattern's last images are without it.
-    off = [abs(s.pixel[0] - 320.0) / 516.5 for s in sim.flight.sightings]
-    seen = next((i for i, tangent in enumerate(off) if tangent > _EDGE), len(off))
-    return _cut(sim, max(seen, 4))
+def squared_miss(estimate: Estimate, sim: SimulatedFlight) -> float | None:
+    """Normalised squared error of the last horizontal position (chi-square, 2 dof); None without a covariance."""
+    if estimate.covariance is None:
+        return None
+    miss = (estimate.position_enu_m - sim.target_m[-1])[:2]
+    return float(miss @ np.linalg.solve(estimate.covariance[:2, :2], miss))
 
 
-def _cut(sim: SimulatedFlight, count: int) -> SimulatedFlight:
+def depth_bound_m(sim: SimulatedFlight) -> float:
+    """Least 1-sigma of the depth at the first sighting, with the attitudes as flown.
+
+    Raises:
+        EstimateRefused: the flight does not determine the target.
+    """
     flight = sim.flight
-    shorter = FlightSightings(
-        flight.id, flight.origin, flight.camera, flight.sightings[:count], flight.noise, flight.prior
-    )
-    return SimulatedFlight(
-        shorter, sim.target_m[:count], sim.velocity_m_s[:count], sim.camera_m[:count], sim.wrong[:count]
-    )
+    if len(flight.sightings) < 3:
+        raise EstimateRefused("Fewer than three sightings bound nothing")
+    return bound(
+        np.array([s.t_s for s in flight.sightings]),
+        sim.camera_m,
+        sim.target_m[0],
+        sim.velocity_m_s[0],
+        flight.camera,
+        flight.noise,
+        flight.prior,
+        world_from_camera_wxyz=np.array([s.world_from_camera_wxyz for s in flight.sightings]),
+    ).depth_sigma_m
 
 
-def _figures(row: Row, name: str, simulated: Sequence[SimulatedFlight]) -> Figures:
-    errors, inside, ellipses = [], 0, 0
+def _share(name: str, flights: int, least_squares_flights: int) -> int:
+    return min(flights, least_squares_flights) if name == _LEAST_SQUARES.name else flights
+
+
+def _figures(
+    row: Row, name: str, simulated: Sequence[SimulatedFlight], tell: Callable[[], None] | None
+) -> Figures:
+    errors: list[float] = []
+    inside: list[bool] = []
     for sim in simulated:
         try:
-            estimate = ESTIMATORS[name].estimate(sim.flight)
+            estimate = METHODS[name].estimate(sim.flight)
         except EstimateRefused:
             continue
+        finally:
+            if tell is not None:
+                tell()
         errors.append(100.0 * abs(estimate.depth_m / sim.depth_m - 1.0))
-        if estimate.covariance is not None:
-            miss: Vector = (estimate.position_enu_m - sim.target_m[-1])[:2]
-            ellipses += 1
-            inside += bool(miss @ np.linalg.solve(estimate.covariance[:2, :2], miss) < 5.991)
+        squared = squared_miss(estimate, sim)
+        if squared is not None:
+            inside.append(squared < INSIDE_CHI2)
     if not errors:
         return Figures(row, name, math.nan, math.nan, 0, len(simulated), None)
     return Figures(
@@ -163,20 +189,19 @@ def _figures(row: Row, name: str, simulated: Sequence[SimulatedFlight]) -> Figur
         float(np.percentile(errors, 95)),
         len(errors),
         len(simulated),
-        100.0 * inside / ellipses if ellipses else None,
+        100.0 * float(np.mean(inside)) if inside else None,
     )
 
 
-def _bound_percent(sim: SimulatedFlight) -> float:
-    flight = sim.flight
-    best = bound(
-        np.array([s.t_s for s in flight.sightings]),
-        sim.camera_m,
-        sim.target_m[0],
-        sim.velocity_m_s[0],
-        flight.camera,
-        flight.noise,
-        flight.prior,
-        world_from_camera_wxyz=np.array([s.world_from_camera_wxyz for s in flight.sightings]),
-    )
-    return 100.0 * best.relative_depth_sigma
+def _bound_figures(row: Row, simulated: Sequence[SimulatedFlight]) -> Figures:
+    sigmas: list[float] = []
+    for sim in simulated:
+        try:
+            sigmas.append(100.0 * depth_bound_m(sim) / sim.depth_m)
+        except EstimateRefused:
+            continue
+    if not sigmas:
+        return Figures(row, BOUND, math.nan, math.nan, 0, len(simulated), None)
+    # Of a normal error the median of the absolute value is 0.6745 sigma, its 95th percentile 1.96.
+    middle = float(np.median(sigmas))
+    return Figures(row, BOUND, 0.6745 * middle, 1.96 * middle, len(sigmas), len(simulated), None)

@@ -14,6 +14,9 @@ from sitl.truth import TruthRing, VehicleTruth
 MOVES_FASTER_THAN_M_S = 0.5
 MOVES_HIGHER_THAN_M = 0.8
 """The drone flies its pattern when it goes sideways faster and higher than this."""
+TURNS_FASTER_THAN_RAD_S = math.radians(12.0)
+"""Seen over `TURN_S`: more than wind and hovering do."""
+TURN_S = 0.25
 
 
 def body_from_camera(tilt_down_rad: float) -> Vector:
@@ -36,6 +39,15 @@ def flies_sideways(truth: VehicleTruth) -> bool:
     if length < 1e-6 or truth.position_enu_m[2] <= MOVES_HIGHER_THAN_M:
         return False
     return abs(float(truth.velocity_enu_m_s[:2] @ right)) / length > MOVES_FASTER_THAN_M_S
+
+
+def turns(before: VehicleTruth, now: VehicleTruth) -> bool:
+    """Whether the aircraft is in the air and its nose turned between two times."""
+    if now.position_enu_m[2] <= MOVES_HIGHER_THAN_M or now.t_s <= before.t_s:
+        return False
+    noses = [matrix_from_wxyz(truth.world_from_body_wxyz)[:2, 0] for truth in (before, now)]
+    angle = math.atan2(noses[0][0] * noses[1][1] - noses[0][1] * noses[1][0], float(noses[0] @ noses[1]))
+    return abs(angle) > TURNS_FASTER_THAN_RAD_S * (now.t_s - before.t_s)
 
 
 class CameraOnAirframe:

@@ -18,7 +18,7 @@ import cv2
 
 from mission.errors import VideoError
 from mission.records import Image
-from sitl.camera.airframe import CameraOnAirframe, flies_sideways
+from sitl.camera.airframe import TURN_S, CameraOnAirframe, flies_sideways, turns
 from sitl.camera.renderer import Renderer
 from sitl.camera.stream import VideoSender
 from sitl.scenario import Scenario
@@ -168,7 +168,7 @@ class _Camera:
     """The loop of the camera's process."""
 
     def __init__(self, scenario: Scenario, ring: TruthRing, video_url: str, pipe: Connection) -> None:
-        self._ring, self._pipe = ring, pipe
+        self._scenario, self._ring, self._pipe = scenario, ring, pipe
         self._period_s = 1.0 / scenario.camera.fps
         self._half_s = 0.5 * (scenario.camera.exposure_ms + scenario.camera.readout_ms) / 1000.0
         self._airframe = CameraOnAirframe(scenario, ring)
@@ -205,7 +205,7 @@ class _Camera:
 
     def _take(self, capture_s: float) -> None:
         newest = self._await_truth(capture_s + self._half_s)
-        if newest is not None and self._ring.mark(WALK_MARK) is None and flies_sideways(newest):
+        if newest is not None and self._ring.mark(WALK_MARK) is None and self._signal(newest):
             self._ring.set_mark(WALK_MARK, newest.t_s)
         if self._last is None or not self._frozen:
             walk_s = self._ring.mark(WALK_MARK)
@@ -213,6 +213,13 @@ class _Camera:
         self._sender.send(self._last, capture_s - self._start_s)
         self._frames += 1
         self._delays_s += time.monotonic() - capture_s
+
+    def _signal(self, newest: VehicleTruth) -> bool:
+        """Whether the drone does what people wait for."""
+        if not self._scenario.walks_on_turn:
+            return flies_sideways(newest)
+        before = self._ring.at(newest.t_s - TURN_S)
+        return flies_sideways(newest) or (before is not None and turns(before, newest))
 
     def _await_truth(self, until_s: float) -> VehicleTruth | None:
         """The newest truth, as soon as it reaches to a time; a silent autopilot is waited for only shortly."""

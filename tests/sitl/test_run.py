@@ -40,7 +40,7 @@ distance_m = 5.5
 bearing_deg = 46.0
 speed_m_s = 0.6
 walk_from_line_of_sight_deg = 60.0
-when = "drone-moves"
+when = "drone-turns"
 stop_after_s = 7.0
 """
 
