@@ -132,8 +132,13 @@ def _check(wanted_sigma_m: float, outlook: Outlook, room: SideRoom) -> None:
     _positive("the frame rate", outlook.rate_hz)
     _positive("the height", room.height_m)
     _positive("the largest speed", room.max_speed_m_s)
-    if not 0.0 <= outlook.walk_m_s < math.inf:
-        raise SettingsError(f"the walking speed is {outlook.walk_m_s:g}", "Give 0 or a number above it.")
+    for name, value in (
+        ("the walking speed", outlook.walk_m_s),
+        ("the room on the left", room.left_m),
+        ("the room on the right", room.right_m),
+    ):
+        if not 0.0 <= value < math.inf:
+            raise SettingsError(f"{name} is {value:g}", "Give 0 or a number above it.")
     side_m = max(room.left_m, room.right_m)
     if not side_m >= LEAST_LENGTH_M:
         raise FlightRefused(f"there are only {side_m:.1f} m of room to the side", "Make room for 1 m at least.")

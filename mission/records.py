@@ -136,6 +136,14 @@ class TargetPrior:
     speed_sigma_m_s: float = 1.0
     vertical_speed_sigma_m_s: float = 0.05
     acceleration_psd_m2_s3: float = 0.0
+    ground_up_m: float | None = None
+    """Where it was measured, with its sigma: up coordinate of the ground under the target at the first sighting."""
+    ground_sigma_m: float | None = None
+    centre_above_ground_m: float = 0.85
+    """Of the point that is sighted, the target's centre; used with `ground_up_m` only."""
+    height_m: float | None = None
+    """Where it is known, with its sigma: the target's true height."""
+    height_sigma_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

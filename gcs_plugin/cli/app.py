@@ -6,6 +6,7 @@ Exit codes: 0 done, 1 failed with a message, 2 arguments or files that cannot be
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from importlib.metadata import entry_points
 
@@ -27,6 +28,8 @@ COMMANDS = ("locate", "plan", "estimate", "calibrate", "export", "draw", "settin
 
 def main() -> None:
     """Entry point of the `sidestep` command."""
+    # The matrices are small: threads that wait for each other, beside a video decoder, cost more than they bring.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for name in COMMANDS:
         importlib.import_module(f"gcs_plugin.cli.{name}").register(app)
     for entry in sorted(entry_points(group="sidestep.commands"), key=lambda e: e.name):

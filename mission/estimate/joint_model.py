@@ -15,6 +15,10 @@ With a = heading error, b = tilt error, e = position error, reported = true + er
     q = Rx(b) camera_from_world Rz(a) d            (target in true camera axes; reported R = Rz(a) true Rx(b))
     x = qx / qz,  y = qy / qz,  log h = s - log qz
 
+Where the prior says so, two more measurements of the border (both linear in it):
+
+    ground + centre above ground = p_up,   log(known height) = log size
+
 Everything Markov enters through tridiagonal precisions, so the normal equations are an arrow (`arrow.py`). Unknowns
 are in units of their own prior sigma, so a sigma of zero simply removes their effect.
 """
@@ -29,7 +33,7 @@ from numpy.typing import NDArray
 
 from mission.estimate.arrow import Factored, factor
 from mission.estimate.markov import gauss_markov, random_walk, white_noise_acceleration
-from mission.estimate.observations import Observations
+from mission.estimate.observations import LEAST_GROUND_SIGMA_M, LEAST_SIZE_SIGMA, Observations
 from mission.records import Matrix, NoiseModel, TargetPrior, Vector
 
 P, V, SIZE, HEADING, TILT = slice(0, 3), slice(3, 6), 6, 7, 8
@@ -108,9 +112,8 @@ class JointModel:
         self.prior_diagonal, self.prior_below = self._chain_prior()
         self._prior_own = np.einsum("nbb->nb", self.prior_diagonal).copy()
         self._prior_off = np.einsum("nbb->nb", self.prior_below).copy()
-        own = np.diag((0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0 if self.any_size else 1.0, 1.0, 1.0))
         self.known_before = carried is not None
-        self.carried = carried or BorderPrior(np.zeros(BORDER), own)
+        self.carried = carried or self._border_prior()
 
     def over(self, seen: Observations) -> JointModel:
         """The same model over other sightings of the flight."""
@@ -126,7 +129,8 @@ class JointModel:
         """Degrees of freedom of the chi-square at the minimum: measured numbers less unknowns without a prior."""
         if self.known_before:
             return self.measurements
-        return self.measurements - (4 if self.any_size else 3)
+        given = (self.prior.ground_up_m is not None) + (self.any_size and self.prior.height_m is not None)
+        return self.measurements + given - (4 if self.any_size else 3)
 
     def start(self, position_m: Vector, velocity_m_s: Vector, log_size: float) -> State:
         """The state of a target at a place, with all errors zero."""
@@ -253,6 +257,19 @@ class JointModel:
         chain_gradient = by_chain[:, :, BORDER] + at.prior_pull
         border_gradient = by_border[:, BORDER] + self.carried.information @ (at.state.border - self.carried.mean)
         return factor(diagonal, below, coupling, border), -chain_gradient.reshape(-1), -border_gradient
+
+    def _border_prior(self) -> BorderPrior:
+        """What is known of the border before the first sighting."""
+        prior, mean = self.prior, np.zeros(BORDER)
+        known = np.array((0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0 if self.any_size else 1.0, 1.0, 1.0))
+        if prior.ground_up_m is not None:
+            up = P.start + 2
+            mean[up] = prior.ground_up_m + prior.centre_above_ground_m - self.seen.reference_m[2]
+            known[up] = max(prior.ground_sigma_m or 0.0, LEAST_GROUND_SIGMA_M) ** -2
+        if self.any_size and prior.height_m is not None:
+            mean[SIZE] = math.log(prior.height_m)
+            known[SIZE] = max((prior.height_sigma_m or 0.0) / prior.height_m, LEAST_SIZE_SIGMA) ** -2
+        return BorderPrior(mean, np.diag(known))
 
     def _prior_times(self, chain: Matrix) -> Matrix:
         product: Matrix = self._prior_own * chain

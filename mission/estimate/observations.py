@@ -14,6 +14,8 @@ LEAST_PIXEL_SIGMA_PX = 0.02
 """No measurement in a picture is better than this; it also keeps a stated sigma of zero solvable."""
 LEAST_SIZE_SIGMA = 1e-3
 """The same for the logarithm of the height."""
+LEAST_GROUND_SIGMA_M = 1e-3
+"""The same for the height of the ground."""
 LARGEST = 1e6
 """Sigmas, correlation times and intensities beyond this mean "unknown" or "for ever"."""
 _FARTHEST_TANGENT = 1e3
@@ -105,7 +107,8 @@ def tamed_noise(noise: NoiseModel) -> NoiseModel:
 
 def tamed_prior(prior: TargetPrior) -> TargetPrior:
     """The prior with `LARGEST` as its largest number."""
-    return TargetPrior(**{field.name: min(getattr(prior, field.name), LARGEST) for field in fields(TargetPrior)})
+    values = {field.name: getattr(prior, field.name) for field in fields(TargetPrior)}
+    return TargetPrior(**{name: min(value, LARGEST) for name, value in values.items() if value is not None})
 
 
 def _in_order(sightings: tuple[Sighting, ...]) -> tuple[list[int], list[Sighting]]:

@@ -124,7 +124,13 @@ def _noise(record: Mapping[str, object]) -> NoiseModel:
 
 
 def _prior(record: Mapping[str, object]) -> TargetPrior:
-    return TargetPrior(**{f.name: _not_negative(record, f.name) for f in fields(TargetPrior) if f.name in record})
+    for value, sigma in (("ground_up_m", "ground_sigma_m"), ("height_m", "height_sigma_m")):
+        if (value in record) != (sigma in record):
+            raise FieldError(f'"{value}" and "{sigma}" go together, and one of them is missing')
+    checks = {"ground_up_m": _number, "centre_above_ground_m": _number, "height_m": _positive}
+    return TargetPrior(
+        **{f.name: checks.get(f.name, _not_negative)(record, f.name) for f in fields(TargetPrior) if f.name in record}
+    )
 
 
 def _present(record: Mapping[str, object], name: str, *, nullable: bool = False) -> object:

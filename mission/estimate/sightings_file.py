@@ -10,14 +10,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import BinaryIO
 
 from mission.errors import SightingsFormatError
 from mission.estimate.answer_line import error_line, estimate_line
 from mission.estimate.sightings_fields import FORMAT, VERSION, FieldError, flight_id, parse_header, parse_sighting
-from mission.records import FlightSightings, Sighting
+from mission.records import FlightSightings, Sighting, TargetPrior
 
 __all__ = [
     "MAX_LINE_BYTES",
@@ -38,6 +38,8 @@ MAX_LINE_BYTES = 1 << 20
 
 _BROKEN_HEADER = re.compile(r'"format"\s*:')
 _BROKEN_ID = re.compile(r'"id"\s*:\s*("(?:[^"\\]|\\.)*")')
+
+_PLAIN_PRIOR = ("speed_sigma_m_s", "vertical_speed_sigma_m_s", "acceleration_psd_m2_s3")
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +135,7 @@ def flight_lines(flight: FlightSightings) -> Iterator[str]:
             "origin": asdict(flight.origin),
             "camera": asdict(flight.camera),
             "noise": asdict(flight.noise),
-            "prior": asdict(flight.prior),
+            "prior": _prior(flight.prior),
         }
     )
     for sighting in flight.sightings:
@@ -142,6 +144,12 @@ def flight_lines(flight: FlightSightings) -> Iterator[str]:
             if record[optional] is None:
                 del record[optional]
         yield _json(record)
+
+
+def _prior(prior: TargetPrior) -> dict[str, float]:
+    """The prior's fields, without the optional ones that are not given."""
+    values = ((field.name, getattr(prior, field.name), field.default) for field in fields(prior))
+    return {name: value for name, value, default in values if name in _PLAIN_PRIOR or value != default}
 
 
 class _Flight:

@@ -23,8 +23,8 @@ SIZE_CORRELATION_S = 0.5
 """How long the reported errors last (autocorrelation down to 1/e): they come from the gait and from the view."""
 
 CUT_OFF_SIGMA = 0.06
-"""Of the centre while feet or head are out of the picture, body heights: where the middle is must then be guessed, and the
-guess (3 % of the height wrong) stays wrong for as long as it lasts, many times the correlation time."""
+"""Of the centre while feet or head are out of the picture, body heights: where the middle is must then be guessed, and
+the guess (3 % of the height wrong) stays wrong for as long as it lasts, many times the correlation time."""
 _FILTER_SIGMA = 0.02
 """What the filter says of a place that is measured all the time, body heights."""
 

@@ -27,6 +27,8 @@ from mission.track.motion import Motion
 from mission.track.template import Template
 from mission.track.track import Track, TrackState
 
+_BOX_SHARES = (1.0, 0.6)
+"""How much of the body a detector's box may show."""
 COASTING_S = 2.5
 """How long a hidden person is waited for: a walker needs that to pass behind a car, half covered to half free."""
 _BODY = WindowedHog.BODY_PX
@@ -100,18 +102,24 @@ class Tracker:
         Raises:
             DetectionError: there is no person in the box.
         """
-        centre, height = box.centre_px, box.height_px
-        for _ in range(2):  # the second look is at the right scale
-            window, bodies = self._eyes.bodies(frame.image, centre, height, roll_rad)
-            place = window.to_window(*box.centre_px)
-            body = min(bodies, key=lambda b: float(np.hypot(*np.subtract(b.box.centre_px, place))), default=None)
-            if body is None or float(np.hypot(*np.subtract(body.centre, box.centre_px))) > 0.5 * box.height_px:
-                raise DetectionError(
-                    "There is nobody to follow in the box", "Draw the box around one person, head to foot."
-                )
-            centre, height = body.centre, body.height_px
-            cut_off = not body.feet_visible
-        self._begin(frame, centre, height, cut_off, roll_rad)
+        body = self._whole_body(frame.image, box, roll_rad)
+        _, bodies = self._eyes.bodies(frame.image, body.centre, body.height_px, roll_rad)  # now at the right scale
+        body = min(bodies, key=lambda b: float(np.hypot(*np.subtract(b.centre, body.centre))), default=body)
+        self._begin(frame, body.centre, body.height_px, not body.feet_visible, roll_rad)
+
+    def _whole_body(self, image: Image, box: Box, roll_rad: float) -> Extent:
+        """Who is in the box, head to foot: HOG's box may hold but the upper half of a body."""
+        found = [
+            body
+            for share in _BOX_SHARES
+            for body in self._eyes.bodies(image, box.centre_px, box.height_px / share, roll_rad)[1]
+            if float(np.hypot(*np.subtract(body.centre, box.centre_px))) < 0.6 * box.height_px
+        ]
+        if not found:
+            raise DetectionError(
+                "There is nobody to follow in the box", "Draw the box around one person, head to foot."
+            )
+        return max(found, key=lambda body: (body.feet_visible and body.sides_visible, body.score))
 
     def update(self, frame: Frame, shift_px: tuple[float, float] = (0.0, 0.0), roll_rad: float = 0.0) -> Track:
         """Follow the target into the next frame.

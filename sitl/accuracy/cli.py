@@ -1,18 +1,26 @@
-"""`sidestep accuracy`: the methods beside each other on simulated flights, as a table and as CSV."""
+"""`sidestep accuracy`: the methods beside each other on simulated flights, as a table, as CSV and as a picture."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from mission.estimate import ESTIMATORS
-from sitl.accuracy.programme import ROWS, Figures, PatternName, accuracy, write_csv
+from sitl.accuracy import stone_soup
+from sitl.accuracy.figure import write_figure
+from sitl.accuracy.programme import METHODS, Figures, accuracy, solutions, write_csv
+from sitl.accuracy.rows import PATTERNS, ROWS, PatternName
+from sitl.accuracy.suite import SUITE_RUNS, suite, summary
+from sitl.accuracy.tables import accuracy_table, ellipse_table, suite_table, summary_line
 
-_PATTERNS: dict[str, PatternName] = {"out-and-back": "out-and-back", "S": "S", "paper": "paper"}
+_NAMES: dict[str, PatternName] = {name: name for name in PATTERNS}
+_ROW_FLIGHTS = 200
+_SUITE_FLIGHTS = 1000
 
 
 def register(app: typer.Typer) -> None:
@@ -20,39 +28,102 @@ def register(app: typer.Typer) -> None:
 
     @app.command("accuracy")
     def run(
-        pattern: Annotated[str, typer.Option(help="One of: " + ", ".join(_PATTERNS) + ".")] = "out-and-back",
-        flights: Annotated[int, typer.Option(min=1, help="Flights a row.")] = 200,
-        seed: Annotated[int, typer.Option(help="Seed of all randomness.")] = 1,
+        pattern: Annotated[str, typer.Option(help="One of: " + ", ".join(_NAMES) + ".")] = "out-and-back",
+        flights: Annotated[
+            int | None,
+            typer.Option(
+                min=1,
+                help=f"Flights a row ({_ROW_FLIGHTS}), or for each run of --suite ({_SUITE_FLIGHTS}).",
+                show_default=False,
+            ),
+        ] = None,
+        seed: Annotated[int, typer.Option(min=0, help="Seed of all randomness.")] = 1,
+        method: Annotated[
+            list[str] | None,
+            typer.Option(help="Only this method (may be given again): " + ", ".join(METHODS) + ".", show_default=False),
+        ] = None,
+        least_squares_flights: Annotated[
+            int, typer.Option(min=0, help="Of a row's flights, how many SciPy's slow solver gets.")
+        ] = 3,
         output: Annotated[Path | None, typer.Option(help="Write the figures to this CSV file.")] = None,
+        figure: Annotated[Path | None, typer.Option(help="Draw the figures into this picture (PNG, SVG, PDF).")] = None,
+        whole_suite: Annotated[
+            bool, typer.Option("--suite", help="Measure instead what the default method is held to.")
+        ] = False,
     ) -> None:
-        """Measure every method's depth error on simulated sightings, beside the paper's figures and the bound."""
-        if pattern not in _PATTERNS:
-            raise typer.BadParameter(f"{pattern!r} is none of {', '.join(_PATTERNS)}", param_hint="--pattern")
-        figures = list(accuracy(_PATTERNS[pattern], flights, seed))
-        Console().print(accuracy_table(figures, f"{pattern}, {flights} flights a row: median depth error in %"))
+        """Measure every method's depth error on simulated sightings, beside the paper's figures and the bound.
+
+        Exit status 0; with --suite 3 when a figure missed what it is held to.
+        """
+        console = Console(highlight=False)
+        if pattern not in _NAMES:
+            raise typer.BadParameter(f"{pattern!r} is none of {', '.join(_NAMES)}", param_hint="--pattern")
+        methods = _checked(method or [])
+        if whole_suite:
+            if output is not None or figure is not None:
+                raise typer.BadParameter("--output and --figure belong to the rows, not to --suite")
+            _run_suite(console, flights or _SUITE_FLIGHTS, seed)
+            return
+        if not stone_soup.installed():
+            console.print(stone_soup.NOT_INSTALLED + ".")
+        each = flights or _ROW_FLIGHTS
+        figures = _fly_rows(_NAMES[pattern], each, seed, methods, least_squares_flights)
+        title = f"{pattern}, noise of the detector"
+        console.print(accuracy_table(figures, title, "median"))
+        console.print(accuracy_table(figures, title, "95th percentile"))
+        console.print(ellipse_table(figures, title))
         if output is not None:
             write_csv(output, figures)
+        if figure is not None:
+            write_figure(figure, figures, f"{pattern} pattern, {each} simulated flights a row")
+        if "batch" in methods or not methods:
+            console.print(summary_line(summary(5 * each, seed)), soft_wrap=True)
 
 
-def accuracy_table(figures: list[Figures], title: str) -> Table:
-    """One line for each row of the programme, one column for each method."""
-    methods = (*ESTIMATORS, "bound")
-    table = Table(title=title)
-    for name in ("motion", "depth m", "paper", *methods, "95 % ellipse right %"):
-        table.add_column(name, justify="left" if name == "motion" else "right")
-    found = {(f.row, f.method): f for f in figures}
-    for row in ROWS:
-        cells = [found[row, method] for method in methods if (row, method) in found]
-        if not cells:
-            continue
-        batch = found.get((row, "batch"))
-        inside = "" if batch is None or batch.inside_percent is None else f"{batch.inside_percent:.0f}"
-        published = "" if row.published_percent is None else f"{row.published_percent:.1f}"
-        table.add_row(
-            row.motion,
-            f"{row.depth_m:g}",
-            published,
-            *("-" if cell.answered == 0 else f"{cell.median_percent:.1f}" for cell in cells),
-            inside,
-        )
-    return table
+def _checked(methods: list[str]) -> list[str]:
+    for name in methods:
+        if name not in METHODS:
+            raise typer.BadParameter(f"{name!r} is none of {', '.join(METHODS)}", param_hint="--method")
+        if name in ("EKF", "UKF") and not stone_soup.installed():
+            raise typer.BadParameter(stone_soup.NOT_INSTALLED, param_hint="--method")
+    return methods
+
+
+def _fly_rows(
+    pattern: PatternName, flights: int, seed: int, methods: list[str], least_squares_flights: int
+) -> list[Figures]:
+    figures: list[Figures] = []
+    with _progress(solutions(methods, len(ROWS), flights, least_squares_flights)) as (progress, tell):
+        for found in accuracy(
+            pattern, flights, seed, methods=methods, least_squares_flights=least_squares_flights, tell=tell
+        ):
+            figures.append(found)
+            progress.update(progress.task_ids[0], description=f"{found.row.motion}, {found.row.depth_m:g} m")
+    return figures
+
+
+def _run_suite(console: Console, flights: int, seed: int) -> None:
+    with _progress(SUITE_RUNS * flights) as (_, tell):
+        held = list(suite(flights, seed, tell))
+    console.print(suite_table(held, f"batch, {flights} flights for each run, the sightings format's default noise"))
+    if not all(one.reached for one in held):
+        raise typer.Exit(3)
+
+
+class _Tell:
+    """Counts one solution more."""
+
+    def __init__(self, progress: Progress) -> None:
+        self.progress = progress
+
+    def __call__(self) -> None:
+        self.progress.advance(self.progress.task_ids[0])
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[tuple[Progress, _Tell]]:
+    """A bar on standard error, so that the tables can be redirected; gone when done."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        progress.add_task("flying", total=total)
+        yield progress, _Tell(progress)

@@ -6,9 +6,9 @@ inflated by what their correlation takes away from a mean, (1 + rho) / (1 - rho)
 as errors across the line of sight at the range in hand. The biases that all sightings share are left out: they turn the
 whole answer about the drone and do not touch the depth.
 
-The start is the prior of the batch (speed) and one more thing that a filter cannot do without: a range. It is uniform
-over 2 to 30 m along the first line of sight, by its mean and variance (Ristic, Arulampalam & Gordon 2004, "Beyond the
-Kalman Filter", section 6.3).
+The start is the prior of the batch (speed) and one more thing that a filter cannot do without: a range. It lies along
+the first line of sight between 2 and 30 m, uniform in its logarithm as befits an unknown scale, and goes in by its mean
+and variance (the moments of a range interval: Ristic, Arulampalam & Gordon 2004, "Beyond the Kalman Filter", ch. 6).
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from mission.records import Estimate, FirstPosition, FlightSightings, Matrix, Ve
 
 NEAREST_M, FARTHEST_M = 2.0, 30.0
 """Where a filter expects the target: it must start somewhere."""
-START_RANGE_M = 0.5 * (NEAREST_M + FARTHEST_M)
-START_SIGMA_M = (FARTHEST_M - NEAREST_M) / math.sqrt(12.0)
+_SPAN = math.log(FARTHEST_M / NEAREST_M)
+START_RANGE_M = (FARTHEST_M - NEAREST_M) / _SPAN
+START_SIGMA_M = math.sqrt((FARTHEST_M**2 - NEAREST_M**2) / (2.0 * _SPAN) - START_RANGE_M**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -39,13 +39,13 @@ class LeastSquaresProblem:
         self.border_root = np.sqrt(np.diag(self.model.carried.information))
         pattern = lil_matrix((3 * n + n * b + BORDER, n * b + BORDER), dtype=int)
         for i in range(n):
-            near = slice(max(i - 1, 0) * b, (i + 1) * b)
+            # The whiteners are upper bidiagonal: row i takes what belongs to sightings i and i + 1.
+            both = range(i, min(i + 2, n))
             for row in range(3):
-                pattern[row * n + i, near] = 1
+                pattern[row * n + i, i * b : (both[-1] + 1) * b] = 1
                 pattern[row * n + i, n * b :] = 1
             for place in range(b):
-                pattern[3 * n + place * n + i, place : (i + 1) * b : b] = 0
-                pattern[3 * n + place * n + i, [max(i - 1, 0) * b + place, i * b + place]] = 1
+                pattern[3 * n + place * n + i, [k * b + place for k in both]] = 1
         for place in range(BORDER):
             pattern[3 * n + n * b + place, n * b + place] = 1
         self.sparsity: csr_matrix = csr_matrix(pattern)

@@ -90,7 +90,9 @@ def accuracy(
     for number, row in enumerate(rows):
         simulated = row_flights(row, pattern, flights, np.random.default_rng((seed, number)))
         for name in names:
-            yield _figures(row, name, simulated[: _share(name, flights, least_squares_flights)], tell)
+            share = _share(name, flights, least_squares_flights)
+            if share > 0:
+                yield _figures(row, name, simulated[:share], tell)
         yield _bound_figures(row, simulated)
 
 
@@ -163,9 +165,7 @@ def _share(name: str, flights: int, least_squares_flights: int) -> int:
     return min(flights, least_squares_flights) if name == _LEAST_SQUARES.name else flights
 
 
-def _figures(
-    row: Row, name: str, simulated: Sequence[SimulatedFlight], tell: Callable[[], None] | None
-) -> Figures:
+def _figures(row: Row, name: str, simulated: Sequence[SimulatedFlight], tell: Callable[[], None] | None) -> Figures:
     errors: list[float] = []
     inside: list[bool] = []
     for sim in simulated:

@@ -19,7 +19,8 @@ from gcs_plugin.publish import (
     set_region_of_interest,
     statustexts,
 )
-from mission.drones.link import MavlinkLink, loopback_socket
+from mission.drones.link import MavlinkLink
+from mission.drones.loopback import loopback_socket
 from mission.errors import AnswerError, LinkError
 from mission.geodesy import Geodetic, enu_to_geodetic
 from tests.gcs_plugin.fake_vehicle import PX4, FakeLink, Vehicle

@@ -13,12 +13,14 @@ from hypothesis import strategies as st
 from mission.drones.drone import Bounds
 from mission.drones.path_follower import check_path
 from mission.errors import EstimateRefused, FlightRefused, SettingsError
+from mission.estimate import ESTIMATORS
 from mission.estimate.bound import bound
 from mission.pattern import LARGEST_SHARE, fitted, lateral_path
 from mission.pattern_bound import Judge, Outlook, Plan, duration_s, peak_speed_m_s, sampled
 from mission.planner import LARGEST_ACCELERATION_M_S2, Shortfall, SideRoom, plan
 from mission.records import CameraIntrinsics, NoiseModel, TargetPrior
 from mission.settings import PatternSettings
+from sitl.accuracy.flights import Pattern, Walk, simulate
 
 CAMERA = CameraIntrinsics(640, 480, 516.5, 516.5, 320.0, 240.0)
 ROOM = SideRoom(6.0, 6.0, 3.0, 3.0, 40.0)
@@ -77,6 +79,16 @@ def test_the_expected_sigma_is_the_bound_of_the_path_as_it_is_flown(sigma_m: flo
     assert found.worst_sigma_m == pytest.approx(max(sigmas.values()), rel=1e-9)
     assert found.worst_sigma_m <= sigma_m
     assert sigmas[max(sigmas, key=lambda walk: sigmas[walk])] == pytest.approx(found.worst_sigma_m)
+
+
+def test_flown_in_simulation_it_is_about_as_exact_as_planned() -> None:
+    found = planned(0.3)
+    t_s, camera_m = sampled(found.pattern, 10.0)
+    pattern = Pattern("planned", t_s, camera_m * (-1.0, 1.0, 1.0))
+    walk = Walk(9.0, (*found.worst_walk_m_s, 0.0), above_camera_m=0.85 - 3.0)
+    flights = [simulate(pattern, walk, np.random.default_rng(seed)) for seed in range(40)]
+    errors = [ESTIMATORS["batch"].estimate(flown.flight).depth_m - flown.depth_m for flown in flights]
+    assert 0.6 * found.worst_sigma_m < np.sqrt(np.mean(np.square(errors))) < 1.3 * found.worst_sigma_m
 
 
 def test_sampled_positions_are_those_of_the_path() -> None:
@@ -182,6 +194,12 @@ def test_senseless_figures_are_refused(wrong: float) -> None:
         plan(0.3, outlook(wrong), ROOM)
     with pytest.raises(SettingsError, match="frame rate"):
         plan(0.3, replace(outlook(), rate_hz=wrong), ROOM)
+    if wrong != 0.0:
+        for room in (replace(ROOM, left_m=wrong), replace(ROOM, right_m=wrong)):
+            with pytest.raises(SettingsError, match="room on the"):
+                plan(0.3, outlook(), room)
+        with pytest.raises(SettingsError, match="walking speed"):
+            plan(0.3, replace(outlook(), walk_m_s=wrong), ROOM)
     with pytest.raises(SettingsError, match="time"):
         SideRoom.within(Bounds(), 3.0, max_time_s=wrong)
 
