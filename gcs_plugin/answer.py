@@ -87,6 +87,7 @@ class Answer:
         self._stage: Stage | None = None
         self._timing: dict[str, float] = {}
         self._log_failed = False
+        self._flights: list[FlightSightings] = []
         self._seen: deque[KeyFrame] = deque(maxlen=SEEN_FRAMES)
         self.geotag: Geotag | None = None
         """The acknowledged geotag."""
@@ -107,7 +108,8 @@ class Answer:
 
     def sightings(self, flight: FlightSightings) -> None:
         """Keep the sightings, whatever follows."""
-        self._attempt("sightings", lambda: self._folder.write_sightings(flight))
+        self._flights.append(flight)
+        self._attempt("sightings", lambda: self._folder.write_sightings(self._flights))
 
     def located(self, located: Located) -> None:
         """Log the geotag, then send it."""

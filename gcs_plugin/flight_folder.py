@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -73,13 +73,16 @@ class FlightFolder:
         stamp = when.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         self._events.add(json.dumps({"time_utc": stamp, "kind": kind, "text": text}))
 
-    def write_sightings(self, flight: FlightSightings) -> None:
-        """Keep what the estimate is made from.
+    def write_sightings(self, flights: Sequence[FlightSightings]) -> None:
+        """Keep what the estimates are made from, one flight for each sidestep.
 
         Raises:
             AnswerError: it cannot be written.
         """
-        write_whole(self.sightings_path, "".join(f"{line}\n" for line in flight_lines(flight)).encode("utf-8"))
+        write_whole(
+            self.sightings_path,
+            "".join(f"{line}\n" for flight in flights for line in flight_lines(flight)).encode("utf-8"),
+        )
 
     def write_plan_view(self, png: bytes) -> None:
         """Keep the plan view.

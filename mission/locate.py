@@ -26,6 +26,7 @@ from mission.located import Located, Stage, TargetChoice, Watcher
 from mission.pattern import fitted, lateral_path
 from mission.pointing import Pointing, TargetTracker
 from mission.records import Detection, FlightSightings, GeodeticOrigin
+from mission.reposition import follow_path
 from mission.settings import MissionSettings
 from mission.video import VideoSource
 
@@ -77,11 +78,14 @@ class Locate:
         self._pointing = Pointing(drone, camera, tracker, cautious=settings.video.check_offset)
 
     def run(self, choice: TargetChoice, flight_id: str) -> Located:
-        """Fly the whole procedure once.
+        """Fly the whole procedure, with as many sidesteps as the settings want.
 
         Args:
             choice: which person is meant.
-            flight_id: names the flight in its log.
+            flight_id: names the flight in its log; each sidestep adds its number.
+
+        Returns:
+            The last sidestep's answer; the watcher has been told each of them.
 
         Raises:
             FlightRefused: the aircraft does not take the order; nothing was flown.
@@ -95,7 +99,11 @@ class Locate:
             self._hover()
             self._acquire(choice)
             self._offset = self._centre()
-            return self._estimate(self._sidestep(flight_id))
+            located = self._estimate(self._sidestep(f"{flight_id}-1"))
+            for number in range(2, self._settings.repeat + 1):
+                self._reposition(located)
+                located = self._estimate(self._sidestep(f"{flight_id}-{number}"))
+            return located
         finally:
             if self._loop.ours:
                 self._watcher.stage(Stage.HOLD, "giving control back, holding")
@@ -165,6 +173,21 @@ class Locate:
             self._watcher.sightings(self._flight(record))
             raise
         return record
+
+    def _reposition(self, located: Located) -> None:
+        """Keep to the target, and go back to the distance at which it was first seen."""
+        place = self._pointing.place(self._clock())
+        path = None if place is None else follow_path(located.estimate, place, self._clock())
+        if path is None:
+            return
+        self._watcher.stage(Stage.REPOSITION, "following the target")
+        self._loop.fly(self._drone.fly(path))
+        for frame in self._loop.until_done(path.duration_s + ORDER_TIMEOUT_S):
+            track = self._pointing.follow(frame)
+            self._watcher.frame(frame, track)
+            if track.state == "lost":
+                raise DetectionError("the target was lost while following it", "Choose it again.")
+            self._pointing.steer(self._clock())
 
     def _estimate(self, record: FlightRecord) -> Located:
         self._watcher.stage(Stage.ESTIMATE, f"estimating from {len(record.seen)} frames")

@@ -21,6 +21,7 @@ class Stage(Enum):
     SIDESTEP = "sidestep"
     ESTIMATE = "estimate"
     REPORT = "report"
+    REPOSITION = "reposition"
     HOLD = "hold"
 
 

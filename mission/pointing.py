@@ -95,12 +95,12 @@ class Pointing:
 
     def azimuth(self, t_s: float) -> float | None:
         """The target's azimuth at a time, clockwise from north; None before it was seen with a known pose."""
-        place = self._place(t_s)
+        place = self.place(t_s)
         return None if place is None else self._aim.azimuth(t_s, place)
 
     def presumed_range_m(self) -> float:
         """How far away somebody of ordinary size would be; good enough to choose a pattern, never an answer."""
-        place = self._place(self._aim.t_s)
+        place = self.place(self._aim.t_s)
         if place is None or self._aim.point_m is None:
             return self._aim.range_m
         return float(np.linalg.norm(self._aim.point_m - place[:2]))
@@ -110,8 +110,8 @@ class Pointing:
         lens = self._camera.intrinsics
         return math.atan2(self._pixel[0] - lens.cx, lens.fx)
 
-    def _place(self, t_s: float) -> Vector | None:
-        """Where the camera is at a time soon after the newest pose."""
+    def place(self, t_s: float) -> Vector | None:
+        """Where the camera is at a time soon after the newest pose, ENU, shape (3,); None before the first one."""
         if self._pose is None:
             return None
         return camera_position(self._pose, self._camera) + self._pose.velocity_enu_m_s * (t_s - self._pose.t_s)

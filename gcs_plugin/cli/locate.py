@@ -103,10 +103,10 @@ def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None
         progress.say(f"connecting to {settings.link.url}")
         drone.connect(settings.link.connect_timeout_s)
         progress.say(f"connected to {drone.name}, poses at {drone.telemetry().pose_rate_hz:.0f} Hz")
-        if take_off is not None:
-            _take_off(drone, settings, take_off, abort, progress)
         source, lens = _open_camera(settings, progress)
         stack.callback(source.close)
+        if take_off is not None:
+            _take_off(drone, settings, take_off, abort, progress)
         provenance = Provenance(
             software=f"sidestep {version('sidestep')}",
             flight_id=folder.path.name,

@@ -86,7 +86,7 @@ def _checked(methods: list[str]) -> list[str]:
             raise typer.BadParameter(f"{name!r} is none of {', '.join(METHODS)}", param_hint="--method")
         if name in ("EKF", "UKF") and not stone_soup.installed():
             raise typer.BadParameter(stone_soup.NOT_INSTALLED, param_hint="--method")
-    return methods
+    return [name for name in METHODS if name in methods]
 
 
 def _fly_rows(

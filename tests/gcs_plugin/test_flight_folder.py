@@ -64,7 +64,7 @@ def test_events_are_on_the_disk_as_they_happen(tmp_path: Path) -> None:
 
 def test_the_sightings_can_be_read_back(tmp_path: Path) -> None:
     with FlightFolder(tmp_path, NOON) as folder:
-        folder.write_sightings(FLIGHT)
+        folder.write_sightings([FLIGHT])
         assert list(read_flights(folder.sightings_path)) == [FLIGHT]
 
 

@@ -77,7 +77,7 @@ def test_a_person_is_located_in_any_direction_of_walk(velocity: tuple[float, flo
 def test_the_stages_follow_the_papers_figure_2_and_end_in_hold() -> None:
     scene = Scene()
     scene.run()
-    assert scene.notes.stages == list(Stage)
+    assert scene.notes.stages == [stage for stage in Stage if stage is not Stage.REPOSITION]
     assert scene.drone.calls == ["begin", "hover", "path", "hold"]
 
 
@@ -190,3 +190,14 @@ def test_a_target_behind_the_shoulder_is_turned_to() -> None:
     scene = Scene(forward=5.0, right=2.7)
     scene.run()
     assert abs(math.degrees(scene.drone.heading) - 28.4) < 3.0
+
+
+def test_a_repeated_sidestep_follows_the_target_and_answers_each_time() -> None:
+    scene = Scene(velocity=(0.0, 0.6))
+    scene.settings = scene.settings.model_copy(update={"repeat": 2})
+    located = scene.run()
+    assert [answer.flight.id for answer in scene.notes.answers] == ["test-1", "test-2"]
+    assert scene.drone.calls == ["begin", "hover", "path", "path", "path", "hold"]
+    truth = scene.walker.at(located.estimate.t_s)
+    assert np.linalg.norm(located.estimate.position_enu_m[:2] - truth[:2]) < 0.05
+    assert located.estimate.depth_m == pytest.approx(scene.notes.answers[0].estimate.depth_m, abs=1.5)
