@@ -10,6 +10,7 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 
@@ -87,6 +88,7 @@ class Answer:
         self._stage: Stage | None = None
         self._timing: dict[str, float] = {}
         self._log_failed = False
+        self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sidestep-log")
         self._flights: list[FlightSightings] = []
         self._seen: deque[KeyFrame] = deque(maxlen=SEEN_FRAMES)
         self.geotag: Geotag | None = None
@@ -149,6 +151,10 @@ class Answer:
             self._attempt("contact sheet", lambda: self._folder.write_contact_sheet(_contact_sheet(seen)))
         if self._texts is not None:
             self._texts.send(f"sidestep: no answer: {error.cause}")
+
+    def close(self) -> None:
+        """Wait until the flight's log is on the disk. Safe to call twice."""
+        self._writer.shutdown(wait=True)
 
     def _write_estimate(self, located: Located) -> None:
         self._timing["frames_used_hz"] = self._progress.frame_rate_hz
@@ -240,9 +246,13 @@ class Answer:
         self._event(what, text)
 
     def _event(self, kind: str, text: str) -> None:
-        """A line of the flight's log; a full disk is told once and does not stop the flight."""
+        """A line of the flight's log, written in another thread: a slow disk must not silence the flight's own loop."""
+        self._writer.submit(self._write_event, self._times.utc(), kind, text)
+
+    def _write_event(self, when: datetime, kind: str, text: str) -> None:
+        """A full disk is told once and does not stop the flight."""
         try:
-            self._folder.event(self._times.utc(), kind, text)
+            self._folder.event(when, kind, text)
         except AnswerError as error:
             if not self._log_failed:
                 self._progress.say(str(error))

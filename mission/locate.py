@@ -75,6 +75,7 @@ class Locate:
         self._loop = FlightLoop(drone, video, aborted, clock)
         self._tracker = tracker
         self._offset: TimeOffset | None = None
+        self._unsaved: FlightRecord | None = None
         self._pointing = Pointing(drone, camera, tracker, cautious=settings.video.check_offset)
 
     def run(self, choice: TargetChoice, flight_id: str) -> Located:
@@ -110,6 +111,8 @@ class Locate:
                 unconfirmed = self._loop.give_back()
                 if unconfirmed:
                     self._watcher.stage(Stage.HOLD, f"hold is not confirmed ({unconfirmed}): take over by hand")
+            if self._unsaved is not None:  # after the hold: the disk may be slow
+                self._watcher.sightings(self._flight(self._unsaved))
 
     def _hover(self) -> None:
         self._watcher.stage(Stage.HOVER, "taking control, hovering")
@@ -170,7 +173,7 @@ class Locate:
                 if moving_aim:
                     self._pointing.steer(self._clock())
         except (FlightEnded, LinkError, VideoError):
-            self._watcher.sightings(self._flight(record))
+            self._unsaved = record
             raise
         return record
 

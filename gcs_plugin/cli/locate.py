@@ -115,6 +115,7 @@ def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None
             choice=str(choice),
         )
         answer = Answer(drone, drone.link, settings.answer, folder, log, progress, provenance, times)
+        stack.callback(answer.close)
         procedure = Locate(drone, source, lens, detector, Tracker(), settings, answer, abort.asked)
         abort.in_flight = True
         try:

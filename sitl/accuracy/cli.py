@@ -21,6 +21,7 @@ from sitl.accuracy.tables import accuracy_table, ellipse_table, suite_table, sum
 _NAMES: dict[str, PatternName] = {name: name for name in PATTERNS}
 _ROW_FLIGHTS = 200
 _SUITE_FLIGHTS = 1000
+_PICTURES = (".png", ".svg", ".pdf")
 
 
 def register(app: typer.Typer) -> None:
@@ -44,7 +45,7 @@ def register(app: typer.Typer) -> None:
         ] = None,
         least_squares_flights: Annotated[
             int, typer.Option(min=0, help="Of a row's flights, how many SciPy's slow solver gets.")
-        ] = 3,
+        ] = 20,
         output: Annotated[Path | None, typer.Option(help="Write the figures to this CSV file.")] = None,
         figure: Annotated[Path | None, typer.Option(help="Draw the figures into this picture (PNG, SVG, PDF).")] = None,
         whole_suite: Annotated[
@@ -64,6 +65,8 @@ def register(app: typer.Typer) -> None:
                 raise typer.BadParameter("--output and --figure belong to the rows, not to --suite")
             _run_suite(console, flights or _SUITE_FLIGHTS, seed)
             return
+        _check_writable(output, "--output", ())
+        _check_writable(figure, "--figure", _PICTURES)
         if not stone_soup.installed():
             console.print(stone_soup.NOT_INSTALLED + ".")
         each = flights or _ROW_FLIGHTS
@@ -87,6 +90,16 @@ def _checked(methods: list[str]) -> list[str]:
         if name in ("EKF", "UKF") and not stone_soup.installed():
             raise typer.BadParameter(stone_soup.NOT_INSTALLED, param_hint="--method")
     return [name for name in METHODS if name in methods]
+
+
+def _check_writable(path: Path | None, option: str, endings: tuple[str, ...]) -> None:
+    """Refuse now what would fail after the flights, a quarter of an hour later."""
+    if path is None:
+        return
+    if not path.parent.is_dir() or path.is_dir():
+        raise typer.BadParameter(f"{path} cannot be written: its folder must exist", param_hint=option)
+    if endings and path.suffix.lower() not in endings:
+        raise typer.BadParameter(f"{path} must end in {', '.join(endings)}", param_hint=option)
 
 
 def _fly_rows(

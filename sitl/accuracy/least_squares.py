@@ -1,7 +1,8 @@
 """SciPy's `least_squares` on the batch estimator's residuals: what a general solver makes of the same problem.
 
 The residuals are those of `mission.estimate.joint_model`, whitened, with the priors as further residuals; the start is
-the batch's own. Jacobians are numerical but their sparsity is told, as a user of SciPy would do it.
+the batch's own. Jacobians are numerical but their sparsity is told, as a user of SciPy would do it, and the unknowns
+are scaled by the Jacobian's columns: without that the same minimum takes fifty times as long.
 """
 
 from __future__ import annotations
@@ -63,14 +64,14 @@ class LeastSquaresProblem:
 
     def solve(self) -> State:
         """The minimum that SciPy finds."""
-        found = least_squares(self.residuals, self.start, jac_sparsity=self.sparsity, method="trf", x_scale=1.0)
+        found = least_squares(self.residuals, self.start, jac_sparsity=self.sparsity, method="trf", x_scale="jac")
         n, b = self.model.count, self.model.block
         return State(found.x[: n * b].reshape(n, b), found.x[n * b :])
 
 
 @dataclass(frozen=True, slots=True)
 class LeastSquares:
-    """The solver as a method of its own; it takes a second or so for 60 sightings, and gives no covariance."""
+    """The solver as a method of its own; some 50 times slower than `batch`, and without a covariance."""
 
     name: str = "least_squares"
 

@@ -72,7 +72,7 @@ def accuracy(
     *,
     rows: Sequence[Row] = ROWS,
     methods: Sequence[str] = (),
-    least_squares_flights: int = 3,
+    least_squares_flights: int = 20,
     tell: Callable[[], None] | None = None,
 ) -> Iterator[Figures]:
     """Fly every row and give each method's figures, and the bound's as a method of its own.

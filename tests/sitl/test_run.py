@@ -41,7 +41,7 @@ bearing_deg = 46.0
 speed_m_s = 0.6
 walk_from_line_of_sight_deg = 60.0
 when = "drone-turns"
-stop_after_s = 7.0
+stop_after_s = 13.0
 """
 
 

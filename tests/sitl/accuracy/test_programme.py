@@ -171,6 +171,8 @@ def test_wrong_arguments_are_refused(tmp_path: Path) -> None:
     assert run("--pattern", "spiral").exit_code == 2
     assert run("--method", "guess").exit_code == 2
     assert run("--suite", "--output", str(tmp_path / "x.csv")).exit_code == 2
+    assert run("--output", str(tmp_path / "nowhere" / "x.csv")).exit_code == 2
+    assert run("--figure", str(tmp_path / "x.gif")).exit_code == 2
 
 
 def test_the_suite_measures_everything_that_the_batch_is_held_to() -> None:
