@@ -21,6 +21,8 @@ _UNKNOWN_GPS_M = 0.9
 _UNKNOWN_POSITION_M = 2.0
 _GOOD_GPS_M = 0.3
 _VERTICAL_FACTOR = 1.5
+_BAD_HEADING_CORRELATION_S = 4.0
+"""The PX4 flight's heading error, 2.0 deg, changed by 1.8 deg over 2 s: a correlation of 0.6."""
 
 
 def noise_model(vehicle: VehicleState) -> NoiseModel:
@@ -37,6 +39,8 @@ def noise_model(vehicle: VehicleState) -> NoiseModel:
     return replace(
         base,
         position_walk_m_per_sqrt_s=walk,
+        heading_correlation_s=base.heading_correlation_s
+        + worse * (_BAD_HEADING_CORRELATION_S - base.heading_correlation_s),
         heading_sigma_rad=base.heading_sigma_rad + worse * (math.radians(2.0) - base.heading_sigma_rad),
         tilt_sigma_rad=base.tilt_sigma_rad + worse * (math.radians(1.1) - base.tilt_sigma_rad),
         tilt_bias_sigma_rad=base.tilt_bias_sigma_rad + worse * (math.radians(1.1) - base.tilt_bias_sigma_rad),

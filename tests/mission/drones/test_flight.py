@@ -8,6 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.drones.drone import Bounds, Knot, OrderState, Path
+from mission.drones.limits import FlightSettings
 from tests.mission.drones.fake_vehicle import FakeVehicle
 
 OUT_AND_BACK = Path(
@@ -89,7 +90,7 @@ def test_heading_is_absolute_and_moves_to_the_latest_aim_no_faster_than_allowed(
     vehicle.flight.aim(math.radians(170))
     vehicle.run(2.0)
     yaws = np.unwrap([yaw for _, _, yaw in vehicle.setpoints])
-    assert np.abs(np.diff(yaws)).max() <= 0.7 * 0.04 + 1e-9
+    assert np.abs(np.diff(yaws)).max() <= FlightSettings().max_yaw_rate_rad_s * 0.04 + 1e-9
     assert vehicle.yaw == pytest.approx(math.radians(170), abs=1e-3)
 
 
