@@ -31,7 +31,6 @@ class LinkSettings(_Section):
         "udpin://0.0.0.0:14540", description="udpin://, udpout://, tcp://, serial:///dev/...:baud or ardrone://"
     )
     connect_timeout_s: float = Field(20.0, gt=0.0, le=300.0, description="how long to wait for the aircraft")
-    source_system: int = Field(245, ge=1, le=255, description="our own MAVLink system id")
     min_battery: Fraction = Field(0.2, description="no flight below this charge")
 
 

@@ -23,8 +23,7 @@ def choose(
         point: clicked by the operator, pixels of this picture; `box` wins over it.
 
     Raises:
-        DetectionError: nobody is in view, nobody is where the operator pointed, or the point lies in several boxes
-            equally well.
+        DetectionError: nobody is in view, or nobody is where the operator pointed.
     """
     if not detections:
         raise DetectionError(

@@ -179,7 +179,7 @@ class MavlinkDrone:
                     f" {self._min_pose_rate_hz:.0f} Hz are needed",
                     "Check that the link is fast enough and that the autopilot has a position",
                 )
-            time.sleep(0.05)
+            time.sleep(0.05)  # looks again until the deadline
 
     def close(self) -> None:
         """Give control back if it is ours (the pilot process orders hold and ends), and close the link."""

@@ -153,7 +153,7 @@ def _wait_for_system(mavsdk: Mavsdk, wanted: int, deadline_s: float) -> System |
         for system in mavsdk.get_systems():
             if system.has_autopilot() and wanted in (0, system.get_system_id()):
                 return system
-        time.sleep(0.02)
+        time.sleep(0.02)  # looks again until the deadline
     return None
 
 
@@ -189,7 +189,7 @@ class _Pipe:
         """Wait until everything is written."""
         until = time.monotonic() + timeout_s
         while self._out.unfinished_tasks and time.monotonic() < until:
-            time.sleep(0.01)
+            time.sleep(0.01)  # looks again until the deadline
 
     def _read(self) -> None:
         pending = b""
@@ -237,7 +237,7 @@ def main(arguments: list[str]) -> int:
         while flight.phase == "holding" and time.monotonic() < until:
             alive.tick()
             flight.step(time.monotonic())
-            time.sleep(TICK_S)
+            time.sleep(TICK_S)  # paces the loop
         pipe.flush(0.5)
         alive.stop()
         vehicle.close()
@@ -279,7 +279,7 @@ def _fly(flight: Flight, vehicle: _Vehicle, pipe: _Pipe, alive: _Alive) -> None:
             flight.stop("deadman", "the program has ended", now)
             return
         next_s = max(next_s + TICK_S, now)
-        time.sleep(max(0.0, next_s - time.monotonic()))
+        time.sleep(max(0.0, next_s - time.monotonic()))  # paces the loop
 
 
 class _Alive:
@@ -306,7 +306,7 @@ class _Alive:
         while not self._stopped.wait(0.1):
             if time.monotonic() - self._ticked_s > _HANG_S:
                 self._controls.stop()
-                time.sleep(0.5)
+                time.sleep(0.5)  # lets the stop go out before the process ends
                 os._exit(3)
 
 

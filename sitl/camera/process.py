@@ -229,7 +229,7 @@ class _Camera:
             reached = newest is not None and newest.t_s >= until_s
             if reached or time.monotonic() > give_up_s or (newest is None and time.monotonic() >= until_s):
                 return newest
-            time.sleep(0.004)
+            time.sleep(0.004)  # looks again until the truth is there or it is too late
 
     def _wait_until(self, t_s: float) -> bool:
         """Obey orders until a time; False when it is time to end."""
