@@ -21,6 +21,8 @@ BANDWIDTH_S = 0.3
 CAUTIOUS_BANDWIDTH_S = 1.0
 """While the video's delay is not known, the aircraft's own turning looks like the target's: then the aim follows slowly
 and does not lead, which keeps the yaw loop stable for delays of half a second and more."""
+RANGE_BANDWIDTH_S = 1.0
+"""Time over which the presumed distance follows the apparent height: bearings alone would never correct it."""
 LARGEST_SPEED_M_S = 3.0
 """A point that moves faster is a wrong sighting, not a target."""
 LARGEST_LEAD_S = 0.8
@@ -51,13 +53,14 @@ class Aim:
     velocity_m_s: Vector = field(default_factory=lambda: np.zeros(2))
     t_s: float = 0.0
 
-    def observe(self, azimuth_rad: float, camera_m: Vector, t_s: float) -> None:
+    def observe(self, azimuth_rad: float, camera_m: Vector, t_s: float, range_m: float | None = None) -> None:
         """Take in a bearing; older ones than the newest are ignored.
 
         Args:
             azimuth_rad: clockwise from north.
             camera_m: where the camera was, east and north first.
             t_s: program time of the picture.
+            range_m: how far away the apparent height says that the target is (`presumed_range`), where it is known.
         """
         towards = np.array([math.sin(azimuth_rad), math.cos(azimuth_rad)])
         if self.point_m is None:
@@ -68,13 +71,14 @@ class Aim:
             return
         expected = self.point_m + self.velocity_m_s * dt
         away = max(PRESUMED_RANGE_M[0], float(np.linalg.norm(expected - camera_m[:2])))
-        innovation = camera_m[:2] + away * towards - expected
+        across = camera_m[:2] + away * towards - expected
+        along = np.zeros(2) if range_m is None else (range_m - away) * towards
         if self.cautious:
-            self.point_m = expected + (1.0 - math.exp(-dt / CAUTIOUS_BANDWIDTH_S)) * innovation
+            self.point_m = expected + (1.0 - math.exp(-dt / CAUTIOUS_BANDWIDTH_S)) * (across + along)
         else:
-            fade = math.exp(-dt / BANDWIDTH_S)
-            self.point_m = expected + (1.0 - fade**2) * innovation
-            velocity = self.velocity_m_s + (1.0 - fade) ** 2 * innovation / dt
+            fade, slow = math.exp(-dt / BANDWIDTH_S), math.exp(-dt / RANGE_BANDWIDTH_S)
+            self.point_m = expected + (1.0 - fade**2) * across + (1.0 - slow**2) * along
+            velocity = self.velocity_m_s + ((1.0 - fade) ** 2 * across + (1.0 - slow) ** 2 * along) / dt
             speed = float(np.linalg.norm(velocity))
             self.velocity_m_s = velocity * min(1.0, LARGEST_SPEED_M_S / max(speed, 1e-9))
         self.t_s = t_s

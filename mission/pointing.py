@@ -70,10 +70,12 @@ class Pointing:
         return track
 
     def _observe(self, track: Track, pose: Pose) -> None:
+        focal_px = self._camera.intrinsics.fy
         if self._aim.point_m is None:
-            self._aim.range_m = presumed_range(track.height_px or track.box.height_px, self._camera.intrinsics.fy)
+            self._aim.range_m = presumed_range(track.height_px or track.box.height_px, focal_px)
         azimuth = azimuth_of(track.pixel, pose, self._camera)
-        self._aim.observe(azimuth, camera_position(pose, self._camera), pose.t_s)
+        away_m = None if track.height_px is None else presumed_range(track.height_px, focal_px)
+        self._aim.observe(azimuth, camera_position(pose, self._camera), pose.t_s, away_m)
 
     def trust(self, offset_s: float) -> None:
         """The video's time is known from here on: follow fast, and lead."""

@@ -116,7 +116,7 @@ def scored(running: Simulation, report: Path, exit_code: int, said: list[str]) -
     found: Score | None = None
     error = str(content.get("error") or "")
     if isinstance(answer, dict):
-        origin, first_s, first = _first_sighting(folders[-1] / "sightings.jsonl")
+        origin, first_s, first = _first_sighting(folders[-1] / "sightings.jsonl", str(answer["id"]))
         found = score(scenario, ring, answer, first, origin)
         _draw(folders[-1], truth_track(scenario, ring, first_s, float(str(answer["t_s"])), first))
     elif not error:
@@ -140,10 +140,12 @@ def _json(path: Path) -> dict[str, object]:
     return content if isinstance(content, dict) else {}
 
 
-def _first_sighting(path: Path) -> tuple[GeodeticOrigin, float, Vector]:
-    """Origin of a sightings file, and time and camera position of its first sighting."""
+def _first_sighting(path: Path, flight_id: str) -> tuple[GeodeticOrigin, float, Vector]:
+    """Origin of one flight of a sightings file, and time and camera position of its first sighting."""
     with path.open(encoding="utf-8") as lines:
-        header, first = json.loads(next(lines)), json.loads(next(lines))
+        records = map(json.loads, lines)
+        header = next(record for record in records if record.get("id") == flight_id)
+        first = next(records)
     return GeodeticOrigin(**header["origin"]), float(first["t_s"]), np.array(first["position_enu_m"])
 
 

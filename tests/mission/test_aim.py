@@ -98,3 +98,11 @@ def test_a_cautious_aim_keeps_the_yaw_loop_stable_whatever_the_delay(delay_s: fl
 @given(st.floats(1.0, 2000.0))
 def test_the_presumed_distance_is_always_possible(height_px: float) -> None:
     assert 1.5 <= presumed_range(height_px, 516.5) <= 40.0
+
+
+def test_the_presumed_distance_follows_the_apparent_height() -> None:
+    aim = Aim(range_m=3.0)
+    for k in range(100):
+        aim.observe(0.0, HERE, 0.05 * k, range_m=9.0)
+    assert aim.point_m is not None
+    assert float(np.linalg.norm(aim.point_m)) == pytest.approx(9.0, rel=0.05)
