@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test lint format bench lock clean
+.PHONY: demo test lint format bench soak lock clean
 
 $(VENV)/installed: requirements.lock pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Sidestep needs Python 3.11 or newer")'
@@ -29,6 +29,9 @@ format: $(VENV)/installed
 
 bench: $(VENV)/installed
 	$(BIN)/python -m pytest tests/bench --benchmark-only
+
+soak: $(VENV)/installed
+	$(BIN)/python -m pytest -m soak tests/soak
 
 lock:
 	rm -rf $(VENV)

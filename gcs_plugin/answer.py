@@ -13,25 +13,28 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 
 import numpy as np
 
+from gcs_plugin.adsb import AdsbMirror
 from gcs_plugin.contact_sheet import contact_sheet
 from gcs_plugin.durable import write_whole
 from gcs_plugin.flight_folder import FlightFolder
 from gcs_plugin.geotags import Geotag, GeotagLog, Provenance, make_geotag
-from gcs_plugin.mission_items import append_item, standoff_waypoint
-from gcs_plugin.mission_protocol import MissionProtocol
 from gcs_plugin.plan_view import plan_view
 from gcs_plugin.progress import Progress
-from gcs_plugin.publish import Link, StatusTexts, camera_tracking_geo_status, set_region_of_interest
+from gcs_plugin.publish import Link, StatusTexts, camera_tracking_geo_status
+from gcs_plugin.push_back import WORDS, PushBack, What
+from gcs_plugin.steady_view import steady_view
 from mission.drones.drone import Drone
-from mission.errors import AnswerError, SidestepError
+from mission.errors import AnswerError, SettingsError, SidestepError
 from mission.estimate.answer_line import estimate_line
 from mission.flight_record import KeyFrame
 from mission.located import Located, Stage
 from mission.records import Estimate, FlightSightings, Frame
 from mission.settings import AnswerSettings
+from mission.steady import PointTrails
 from mission.track import Track
 
 SEEN_FRAMES = 12
@@ -84,6 +87,7 @@ class Answer:
         self._progress = progress
         self._provenance = provenance
         self._times = times
+        self._push_back = None if link is None else PushBack(drone, link, settings)
         self._texts = StatusTexts(link) if link is not None and settings.statustext else None
         self._stage: Stage | None = None
         self._timing: dict[str, float] = {}
@@ -125,22 +129,27 @@ class Answer:
         if self._link is not None and located.geodetic:
             self._link.send(self._geo_status(located, published))
         self._timing["last_frame_to_geotag_s"] = self._times.clock() - located.last_frame_s
-        if self._link is not None and located.geodetic and self._settings.roi and self.geotag is not None:
-            self._attempt("region of interest", self._point_at_target)
+        self._give_back("roi")
         self._timing["last_frame_to_roi_s"] = self._times.clock() - located.last_frame_s
+        self._attempt("ADSB marker", self._show_as_traffic)
         self._say_result()
 
     def finish(self, located: Located) -> None:
         """After the aircraft holds: the waypoint, the pictures and `answer.json`."""
-        if self._link is not None and self.geotag is not None and self._settings.waypoint:
-            self._attempt("waypoint", self._append_waypoint)
+        self._give_back("waypoint")
         if self.geotag is not None:
             tag = self.geotag
             self._attempt("answer.json", lambda: self._folder.write_answer(tag))
         self._attempt("estimate.json", lambda: self._write_estimate(located))
         self._attempt("plan view", lambda: self._folder.write_plan_view(self._plan_view(located)))
+        steadied = located.steadied
+        if steadied is not None:
+            view = partial(steady_view, steadied, located.flight.id)
+            self._attempt("steady view", lambda: self._folder.write_steady_view(view()))
         if located.key_frames:
-            self._attempt("contact sheet", lambda: self._folder.write_contact_sheet(_contact_sheet(located.key_frames)))
+            trails = None if steadied is None else steadied.trails
+            sheet = partial(_contact_sheet, located.key_frames, trails)
+            self._attempt("contact sheet", lambda: self._folder.write_contact_sheet(sheet()))
 
     def failed(self, error: SidestepError) -> None:
         """The flight gave no answer: keep why, and tell the ground station."""
@@ -207,24 +216,19 @@ class Answer:
             geoid_separation_m=self._drone.telemetry().geoid_separation_m,
         )
 
-    def _point_at_target(self) -> None:
-        if self._link is not None and self.geotag is not None:
-            separation = self._drone.telemetry().geoid_separation_m
-            set_region_of_interest(self._link, self.geotag.place, geoid_separation_m=separation)
-            self._tell("region of interest", "set")
+    def _give_back(self, what: What) -> None:
+        """To the autopilot, where the settings want it done without being asked for."""
+        tag, push_back = self.geotag, self._push_back
+        if tag is not None and push_back is not None and push_back.automatic(what):
+            self._attempt(WORDS[what], lambda: self._tell(WORDS[what], push_back.do(what, tag)))
 
-    def _append_waypoint(self) -> None:
-        if self._link is None or self.geotag is None or self.geotag.drone is None:
+    def _show_as_traffic(self) -> None:
+        """To a ground station, where the settings name one; goes on by itself until the marker's time is over."""
+        url = self._settings.adsb_url
+        if self.geotag is None or self._link is None or url is None:
             return
-        height = self._drone.telemetry().height_m
-        item = standoff_waypoint(
-            self.geotag.place,
-            self.geotag.drone,
-            distance_m=self._settings.standoff_m,
-            height_above_home_m=float("nan") if height is None else height,
-        )
-        number = append_item(MissionProtocol(self._link), item)
-        self._tell("waypoint", f"appended to the mission as item {number}")
+        system, component = self._link.source_system, self._link.source_component
+        AdsbMirror(url, self.geotag, self._settings.adsb_lifetime_s, system=system, component=component)
 
     def _say_result(self) -> None:
         if self.geotag is None or self._texts is None:
@@ -238,7 +242,7 @@ class Answer:
         """Something that may fail without taking the answer back."""
         try:
             do()
-        except AnswerError as error:
+        except (AnswerError, SettingsError) as error:
             self._tell(what, str(error))
 
     def _tell(self, what: str, text: str) -> None:
@@ -259,8 +263,8 @@ class Answer:
             self._log_failed = True
 
 
-def _contact_sheet(frames: Sequence[KeyFrame]) -> bytes:
-    return contact_sheet(frames, started_s=frames[0].t_s)
+def _contact_sheet(frames: Sequence[KeyFrame], trails: PointTrails | None = None) -> bytes:
+    return contact_sheet(frames, started_s=frames[0].t_s, trails=trails)
 
 
 def _rate(located: Located) -> float:

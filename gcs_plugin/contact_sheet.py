@@ -1,4 +1,7 @@
-"""The contact sheet: frames of the flight side by side, with the target's box, the time and the tracker's state."""
+"""The contact sheet: frames of the flight side by side, with the target's box, the time and the tracker's state.
+
+Where the background was followed, its points trail behind: those that stand still, and those that move by themselves.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ import cv2
 import numpy as np
 
 from mission.records import Image
+from mission.steady import PointTrails
 from mission.track import Track, TrackState
 
 Colour = tuple[int, int, int]
@@ -19,6 +23,12 @@ CAPTION_HEIGHT: Final = 30
 GAP: Final = 8
 BACKGROUND: Final = (38, 32, 27)
 INK: Final = (235, 235, 235)
+STILL: Final = (235, 190, 60)
+MOVING: Final = (200, 80, 230)
+"""Colours of the background's points."""
+TRAIL_S: Final = 0.8
+NOW_S: Final = 0.21
+"""A point's newest place is at most so much older or newer than the picture: not every frame's places are kept."""
 STATE_COLOURS: Final[dict[TrackState, Colour]] = {
     "tracking": (80, 200, 80),
     "coasting": (40, 180, 250),
@@ -45,7 +55,14 @@ class TrackedPicture(Protocol):
         ...
 
 
-def contact_sheet(frames: Sequence[TrackedPicture], *, started_s: float, count: int = 12, columns: int = 4) -> bytes:
+def contact_sheet(
+    frames: Sequence[TrackedPicture],
+    *,
+    started_s: float,
+    count: int = 12,
+    columns: int = 4,
+    trails: PointTrails | None = None,
+) -> bytes:
     """Draw a contact sheet.
 
     Args:
@@ -53,6 +70,7 @@ def contact_sheet(frames: Sequence[TrackedPicture], *, started_s: float, count: 
         started_s: program time from which the captions count.
         count: pictures at most, taken evenly, first and last among them.
         columns: pictures in a row.
+        trails: of the background's points, in the frames' own times.
 
     Returns:
         A JPEG.
@@ -63,7 +81,7 @@ def contact_sheet(frames: Sequence[TrackedPicture], *, started_s: float, count: 
     if not frames or count < 1 or columns < 1:
         raise ValueError("a contact sheet needs at least one frame, row and column")
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(count, len(frames))).round().astype(int))
-    tiles = [_tile(frames[i], started_s) for i in chosen]
+    tiles = [_tile(frames[i], started_s, trails) for i in chosen]
     columns = min(columns, len(tiles))
     rows = -(-len(tiles) // columns)
     height, width = tiles[0].shape[:2]
@@ -76,8 +94,8 @@ def contact_sheet(frames: Sequence[TrackedPicture], *, started_s: float, count: 
     return encoded
 
 
-def _tile(frame: TrackedPicture, started_s: float) -> Image:
-    """A frame, scaled, with the box and a caption below."""
+def _tile(frame: TrackedPicture, started_s: float, trails: PointTrails | None) -> Image:
+    """A frame, scaled, with the background's points, the box and a caption below."""
     rows, columns = frame.image.shape[:2]
     scale = TILE_WIDTH / columns
     height = round(rows * scale)
@@ -86,6 +104,8 @@ def _tile(frame: TrackedPicture, started_s: float) -> Image:
     shrinking = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
     # Drawn on before it is put into the tile: a box that reaches beyond the picture must not cross the caption.
     picture: Image = np.asarray(cv2.resize(frame.image, (TILE_WIDTH, height), interpolation=shrinking), dtype=np.uint8)
+    if trails is not None:
+        _draw_trails(picture, trails, frame.t_s, scale)
     track = frame.track
     colour = STATE_COLOURS[track.state]
     _rectangle(picture, track.box.left_px, track.box.top_px, track.box.right_px, track.box.bottom_px, scale, colour)
@@ -102,6 +122,19 @@ def _tile(frame: TrackedPicture, started_s: float) -> Image:
     place = (TILE_WIDTH - 6 - text_width, base)
     cv2.putText(tile, size, place, cv2.FONT_HERSHEY_DUPLEX, 0.5, INK, 1, cv2.LINE_AA)
     return tile
+
+
+def _draw_trails(picture: Image, trails: PointTrails, t_s: float, scale: float) -> None:
+    """Where each point that is seen about now came from."""
+    recent = np.flatnonzero((trails.t_s > t_s - TRAIL_S) & (trails.t_s <= t_s + NOW_S))
+    order = recent[np.lexsort((trails.t_s[recent], trails.track[recent]))]
+    corners = np.rint(16.0 * (trails.pixel[order] * scale - 0.5)).astype(np.int32)
+    for part in np.split(np.arange(len(order)), np.flatnonzero(np.diff(trails.track[order])) + 1):
+        if len(part) == 0 or trails.t_s[order[part[-1]]] < t_s - NOW_S:
+            continue
+        colour = STILL if trails.still[order[part[-1]]] else MOVING
+        cv2.polylines(picture, [corners[part]], False, colour, 1, cv2.LINE_AA, 4)
+        cv2.circle(picture, (int(corners[part[-1], 0]), int(corners[part[-1], 1])), 24, colour, -1, cv2.LINE_AA, 4)
 
 
 def _rectangle(

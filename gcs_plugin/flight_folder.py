@@ -4,7 +4,8 @@ flights/20261122T120006Z-3f9a1c/
     sightings.jsonl     what the estimate was made from (`sidestep estimate` computes it again)
     events.jsonl        what happened, one line each, on the disk as it happens
     plan.png            the plan view
-    contact-sheet.jpg   the frames with the target's box
+    steady.png          the reported attitude against the background's
+    contact-sheet.jpg   the frames with the target's box and the background's points
     answer.json         the geotag, or why there is none
 """
 
@@ -91,6 +92,14 @@ class FlightFolder:
             AnswerError: it cannot be written.
         """
         write_whole(self.path / "plan.png", png)
+
+    def write_steady_view(self, png: bytes) -> None:
+        """Keep the reported attitude against the background's.
+
+        Raises:
+            AnswerError: it cannot be written.
+        """
+        write_whole(self.path / "steady.png", png)
 
     def write_contact_sheet(self, jpeg: bytes) -> None:
         """Keep the contact sheet.

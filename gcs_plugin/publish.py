@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import unicodedata
 from collections.abc import Sequence
@@ -150,7 +149,7 @@ class StatusTexts:
 
     def __init__(self, link: Link) -> None:
         self._link = link
-        self._ids = itertools.cycle(range(1, 2**16))
+        self._sent = 0
 
     def send(self, text: str, severity: int = mavlink.MAV_SEVERITY_INFO) -> None:
         """Send a text, shown at once.
@@ -159,7 +158,9 @@ class StatusTexts:
             text: the first 50 bytes are all that old ground stations show: the news come first.
             severity: MAV_SEVERITY.
         """
-        for message in statustexts(text, severity, next(self._ids)):
+        text_id = 1 + self._sent % (2**16 - 1)
+        self._sent += 1
+        for message in statustexts(text, severity, text_id):
             self._link.send(message)
 
 

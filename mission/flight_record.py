@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from mission.camera.camera import Camera
 from mission.pose import Pose
@@ -20,7 +21,8 @@ from mission.records import (
     Sighting,
     TargetPrior,
 )
-from mission.sighting import camera_position, sighting
+from mission.sighting import camera_position, sighting, sighting_from
+from mission.steady import Steadied, SteadiedPose, Steadier
 from mission.track import Track
 from mission.track.noise import PIXEL_CORRELATION_S, SIZE_CORRELATION_S
 
@@ -63,10 +65,23 @@ class FlightRecord:
     interval_s: float
     seen: list[Seen] = field(default_factory=list)
     key_frames: list[KeyFrame] = field(default_factory=list)
+    steadier: Steadier = field(init=False)
+    """Follows the background."""
 
-    def add(self, frame: Frame, track: Track) -> None:
-        """Keep a frame's track, and the frame itself now and then."""
+    def __post_init__(self) -> None:
+        """Start without any points."""
+        self.steadier = Steadier(self.camera)
+
+    def add(self, frame: Frame, track: Track, roll_rad: float = 0.0) -> None:
+        """Keep a frame's track, follow its background, and keep the frame itself now and then.
+
+        Args:
+            frame: the picture.
+            track: the target in it.
+            roll_rad: of the camera about its optical axis, positive with the right side of the picture down.
+        """
         self.seen.append(Seen(frame.t_s, track))
+        self.steadier.add(frame, (track.box,), roll_rad)
         due = not self.key_frames or frame.t_s - self.key_frames[-1].t_s >= self.interval_s
         if due and len(self.key_frames) < KEY_FRAMES:
             self.key_frames.append(KeyFrame(frame.image.copy(), frame.t_s, track))
@@ -96,6 +111,7 @@ class FlightRecord:
         offset_s: float,
         pose_noise: NoiseModel,
         prior: TargetPrior,
+        steadied: Steadied | None = None,
     ) -> FlightSightings:
         """All frames in which the target was tracked and the pose is known.
 
@@ -105,17 +121,37 @@ class FlightRecord:
             offset_s: how much later than telemetry the video's clock runs.
             pose_noise: how good the reported pose is; the tracker's and the lens's noise are added here.
             prior: what is known of the target.
+            steadied: the poses by the background; used, with their own noise, where they were had.
         """
+        by_frame: dict[float, SteadiedPose] = {}
+        if steadied is not None and steadied.reason is None:
+            by_frame, pose_noise = {pose.t_s: pose for pose in steadied.poses}, steadied.noise
         noise = self._noise(pose_noise)
         lens_px = self._noise(replace(pose_noise, pixel_sigma_px=0.0)).pixel_sigma_px
         found: list[Sighting] = []
         for seen in self._tracking():
             t_s = self.camera.row_time_s(seen.t_s - offset_s, seen.track.pixel[1])
-            pose = pose_at(t_s)
-            if pose is not None and (not found or t_s >= found[-1].t_s):
+            taken = self._sighting(seen, t_s, pose_at, by_frame.get(seen.t_s), offset_s, bool(by_frame))
+            if taken is not None and (not found or t_s >= found[-1].t_s):
                 sigma_px = float(np.hypot(seen.track.pixel_sigma_px, lens_px))
-                found.append(replace(sighting(seen.track, t_s, pose, self.camera), pixel_sigma_px=sigma_px))
+                found.append(replace(taken, pixel_sigma_px=sigma_px))
         return FlightSightings(self.id, origin, self.camera.intrinsics, tuple(found), noise, prior)
+
+    def _sighting(
+        self,
+        seen: Seen,
+        t_s: float,
+        pose_at: Callable[[float], Pose | None],
+        steadied: SteadiedPose | None,
+        offset_s: float,
+        steadied_only: bool,
+    ) -> Sighting | None:
+        """One sighting; reported and steadied poses are of two worlds and are not mixed."""
+        if steadied is not None:
+            position, rotation = steadied.at(t_s - (seen.t_s - offset_s))
+            return sighting_from(seen.track, t_s, position, Rotation.from_matrix(rotation))
+        pose = None if steadied_only else pose_at(t_s)
+        return None if pose is None else sighting(seen.track, t_s, pose, self.camera)
 
     def _tracking(self) -> list[Seen]:
         return [seen for seen in self.seen if seen.track.state == "tracking"]

@@ -19,19 +19,23 @@ from mission.detect import Detector, choose
 from mission.drones.drone import Drone
 from mission.errors import DetectionError, EstimateRefused, FlightEnded, LinkError, VideoError
 from mission.estimate import ESTIMATORS
-from mission.estimate.noise_fit import fit_noise, no_better, rescaled
+from mission.estimate.noise_fit import supported
+from mission.estimate.passes import Passes
 from mission.flight_loop import FlightLoop
 from mission.flight_record import FlightRecord
 from mission.located import Located, Stage, TargetChoice, Watcher
 from mission.pattern import fitted, lateral_path
 from mission.pointing import Pointing, TargetTracker
-from mission.records import Detection, FlightSightings, GeodeticOrigin
+from mission.records import Detection, FlightSightings, GeodeticOrigin, NoiseModel, TargetPrior
 from mission.reposition import follow_path
 from mission.settings import MissionSettings
+from mission.steady import Steadied
 from mission.video import VideoSource
 
 SAME_PERSON = 0.3
 """Overlap of two looks' boxes that are the same person."""
+POSE_AGE_S = 0.2
+"""A pose this old is in the buffer on both of its sides."""
 ORDER_TIMEOUT_S = 15.0
 UNKNOWN_OFFSET_RAD = 0.03
 """Wander of the heading when the video's delay could not be measured: 0.1 s at the 0.3 rad/s of an ordinary pattern."""
@@ -76,6 +80,9 @@ class Locate:
         self._tracker = tracker
         self._offset: TimeOffset | None = None
         self._unsaved: FlightRecord | None = None
+        self._prior = TargetPrior()
+        self._passes = Passes()
+        self._before: str | None = None
         self._pointing = Pointing(drone, camera, tracker, cautious=settings.video.check_offset)
 
     def run(self, choice: TargetChoice, flight_id: str) -> Located:
@@ -98,6 +105,7 @@ class Locate:
         try:
             self._drone.begin(self._settings.limits.bounds())
             self._hover()
+            self._prior = self._settings.prior.prior(self._take_off_up_m())
             self._acquire(choice)
             self._offset = self._centre()
             located = self._estimate(self._sidestep(f"{flight_id}-1"))
@@ -119,6 +127,11 @@ class Locate:
         self._loop.fly(self._drone.hover())
         for _ in self._loop.until_done(ORDER_TIMEOUT_S):
             pass
+
+    def _take_off_up_m(self) -> float | None:
+        """Up coordinate of the take-off point in the local frame, None where it is not known."""
+        height_m, pose = self._drone.telemetry().height_m, self._drone.pose_at(self._clock() - POSE_AGE_S)
+        return None if height_m is None or pose is None else float(pose.position_enu_m[2]) - height_m
 
     def _acquire(self, choice: TargetChoice) -> None:
         """Look for people until one is seen in two looks running, and start tracking the chosen one."""
@@ -166,7 +179,7 @@ class Locate:
                     break
                 track = self._pointing.follow(frame)
                 self._watcher.frame(frame, track)
-                record.add(frame, track)
+                record.add(frame, track, self._pointing.roll_rad)
                 if track.state == "lost":
                     self._watcher.stage(Stage.SIDESTEP, "the target was lost; using what was seen")
                     break
@@ -200,10 +213,14 @@ class Locate:
         return located
 
     def _answer(self, record: FlightRecord, last_frame_s: float) -> Located:
-        flight = self._flight(record)
-        flight = rescaled(flight, no_better(fit_noise(flight), flight.noise))
+        offset_s = self._pointing.offset_s
+        steadied = record.steadier.solve(self._drone.pose_at, offset_s, self._pose_noise())
+        flight = self._flight(record, steadied)
+        flight = replace(supported(flight, steadied=steadied.reason is None), continues=self._before)
+        self._before = flight.id
         self._watcher.sightings(flight)
-        estimate = ESTIMATORS["batch"].estimate(flight)
+        estimate = self._passes.estimate(flight)
+        estimate = replace(estimate, notes=(*estimate.notes, steadied.note()))
         comparisons = []
         for name in ("stereo", "three-image", "four-image"):
             try:
@@ -220,9 +237,21 @@ class Locate:
             key_frames=tuple(record.key_frames),
             target_picture=record.target_picture(),
             last_frame_s=last_frame_s,
+            steadied=steadied,
         )
 
-    def _flight(self, record: FlightRecord) -> FlightSightings:
+    def _flight(self, record: FlightRecord, steadied: Steadied | None = None) -> FlightSightings:
+        return record.sightings(
+            self._drone.origin or LOCAL_ORIGIN,
+            self._drone.pose_at,
+            self._pointing.offset_s,
+            self._pose_noise(),
+            self._prior,
+            steadied,
+        )
+
+    def _pose_noise(self) -> NoiseModel:
+        """Of the reported pose at a frame's time."""
         noise = self._drone.noise()
         video = self._settings.video
         if self._offset is None and video.check_offset and video.latency_s is None and not self._camera.latency_s:
@@ -231,10 +260,4 @@ class Locate:
                 heading_sigma_rad=math.hypot(noise.heading_sigma_rad, UNKNOWN_OFFSET_RAD),
                 tilt_sigma_rad=math.hypot(noise.tilt_sigma_rad, UNKNOWN_OFFSET_RAD / 2.0),
             )
-        return record.sightings(
-            self._drone.origin or LOCAL_ORIGIN,
-            self._drone.pose_at,
-            self._pointing.offset_s,
-            noise,
-            self._settings.prior.prior(),
-        )
+        return noise

@@ -9,6 +9,7 @@ from typing import Protocol
 from mission.camera.time_offset import TimeOffset
 from mission.flight_record import KeyFrame
 from mission.records import Box, Estimate, FlightSightings, Frame, Matrix
+from mission.steady import Steadied
 from mission.track import Track
 
 
@@ -58,6 +59,8 @@ class Located:
     target_picture: bytes | None
     last_frame_s: float
     """Program time of the last frame of the pattern."""
+    steadied: Steadied | None = None
+    """The camera's poses by the background, or why they could not be had."""
 
 
 class Watcher(Protocol):

@@ -47,7 +47,7 @@ def lateral_path(settings: PatternSettings, heading_rad: float) -> Path:
     """The pattern of the settings, sideways to a heading (clockwise from north)."""
     sideways = left_of(heading_rad) * (1.0 if settings.side == "left" else -1.0)
     if settings.kind == "paper":
-        return paper_path(sideways)
+        return paper_path(sideways, settings.baseline_m or PAPER_BASELINE_M)
     turns = (1.0, 0.0) if settings.kind == "out-and-back" else (1.0, -1.0, 0.0)
     stops = [0.0] + [turn * settings.length_m for _ in range(settings.passes) for turn in turns]
     durations = [settings.leg_duration_s * max(1.0, abs(b - a) / settings.length_m) ** 0.5 for a, b in pairwise(stops)]
@@ -75,9 +75,14 @@ def legs(direction_enu: Vector, stops_m: list[float], durations_s: list[float]) 
     return Path(tuple(knots))
 
 
-def paper_path(direction_enu: Vector) -> Path:
-    """The paper's one-way pattern: 11 images at 0.5 s with the travel of Table II, then a stop within 1.5 s."""
-    travel = np.cumsum(PAPER_BASELINE_M)
+def paper_path(direction_enu: Vector, baseline_m: tuple[float, ...] = PAPER_BASELINE_M) -> Path:
+    """The paper's one-way pattern: 11 images at 0.5 s with the travel of Table II, then a stop within 1.5 s.
+
+    Args:
+        direction_enu: unit vector, shape (3,).
+        baseline_m: travel since the previous image at each image, the first 0 (`sidestep calibrate baseline`).
+    """
+    travel = np.cumsum((0.0, *baseline_m[1:]))
     times = PAPER_INTERVAL_S * np.arange(len(travel))
     speed = np.gradient(travel, PAPER_INTERVAL_S)
     speed[:2] = 0.0

@@ -50,6 +50,8 @@ class Pointing:
         self._pixel = (camera.intrinsics.cx, camera.intrinsics.cy)
         self.offset_s = 0.0
         """How much later than telemetry the video's clock runs."""
+        self.roll_rad = 0.0
+        """The camera's roll about its optical axis at the last frame, as reported."""
 
     def follow(self, frame: Frame, turn: Turn | None = None) -> Track:
         """Track the target into a frame and take its bearing into the aim.
@@ -59,8 +61,8 @@ class Pointing:
             turn: how the camera turned since the last frame, where the picture tells; the telemetry tells it else.
         """
         pose = self._drone.pose_at(frame.t_s - self.offset_s)
-        roll = 0.0 if pose is None else roll_of(pose, self._camera)
-        track = self._tracker.update(frame, self._shift(pose, turn), roll)
+        self.roll_rad = 0.0 if pose is None else roll_of(pose, self._camera)
+        track = self._tracker.update(frame, self._shift(pose, turn), self.roll_rad)
         if track.state == "tracking":
             self._pixel = track.pixel
         if pose is not None:

@@ -32,8 +32,9 @@ class Pose:
 class PoseBuffer:
     """The last seconds of two streams, position and attitude, each with its own times, interpolated between them.
 
-    Position and velocity come from a cubic Hermite segment between the two neighbouring positions, attitude from the
-    arc on the sphere between the two neighbouring attitudes (slerp; Shoemake 1985). There is no pose across a gap of
+    The position comes from a cubic Hermite segment between the two neighbouring positions, the velocity from the line
+    between the two reported ones, attitude from the arc on the sphere between the two neighbouring attitudes (slerp;
+    Shoemake 1985). There is no pose across a gap of
     more than `max_gap_s` in either stream, nor before the oldest or after the newest message: a stale pose is worse
     than none.
 
@@ -92,9 +93,10 @@ class PoseBuffer:
         if position is None or attitude is None:
             return None
         t0, t1, before, after = position
-        place, velocity = hermite(
-            (t_s - t0) / (t1 - t0) if t1 > t0 else 0.0, t1 - t0, before[:3], before[3:], after[:3], after[3:]
-        )
+        part = (t_s - t0) / (t1 - t0) if t1 > t0 else 0.0
+        place, _ = hermite(part, t1 - t0, before[:3], before[3:], after[:3], after[3:])
+        # Not the segment's own derivative, which would be that of positions rounded to a centimetre.
+        velocity = (1.0 - part) * before[3:] + part * after[3:]
         a0, a1, q0, q1 = attitude
         turned = slerp((t_s - a0) / (a1 - a0) if a1 > a0 else 0.0, q0, q1)
         return Pose(t_s, place, velocity, turned, position_covariance_m2, attitude_covariance_rad2)

@@ -127,6 +127,12 @@ class NoiseModel:
     heading_correlation_s: float = 2.0
     tilt_sigma_rad: float = 0.003
     tilt_correlation_s: float = 2.0
+    position_scale_sigma: float = 0.0
+    """Relative: the whole reported path may be too long or too short by this, and everything seen from it with it."""
+    world_heading_sigma_rad: float = 0.0
+    """Path and attitudes may be turned together about the vertical by this, and everything seen with them."""
+    world_tilt_sigma_rad: float = 0.0
+    """The same about each horizontal axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +176,8 @@ class FlightSightings:
     sightings: tuple[Sighting, ...]
     noise: NoiseModel = field(default_factory=NoiseModel)
     prior: TargetPrior = field(default_factory=TargetPrior)
+    continues: str | None = None
+    """Id of the flight before it past the same target, in the same frame and on the same clock."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

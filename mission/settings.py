@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path as FilePath
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from mission.drones.drone import Bounds
 from mission.errors import SettingsError
@@ -19,6 +19,18 @@ from mission.records import TargetPrior
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _of_its_own_type(cls, value: object, info: ValidationInfo) -> object:
+        """TOML has types, so nothing is converted: pydantic would take true for 1 and "3" for 3."""
+        annotation = cls.model_fields[info.field_name or ""].annotation
+        kinds = get_args(annotation) or (annotation,)
+        if isinstance(value, bool) and bool not in kinds:
+            raise ValueError("true or false stands where something else is wanted")
+        if isinstance(value, str) and (float in kinds or int in kinds):
+            raise ValueError("a text stands where a number is wanted")
+        return value
 
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -30,6 +42,7 @@ class LinkSettings(_Section):
     url: str = Field(
         "udpin://0.0.0.0:14540", description="udpin://, udpout://, tcp://, serial:///dev/...:baud or ardrone://"
     )
+    system: int = Field(0, ge=0, le=255, description="the aircraft's system id; 0: the first autopilot that is heard")
     connect_timeout_s: float = Field(20.0, gt=0.0, le=300.0, description="how long to wait for the aircraft")
     min_battery: Fraction = Field(0.2, description="no flight below this charge")
 
@@ -70,6 +83,9 @@ class PatternSettings(_Section):
     leg_duration_s: float = Field(3.0, gt=0.5, le=60.0, description="time for each length")
     side: Literal["left", "right"] = "left"
     passes: int = Field(1, ge=1, le=10, description="how often the pattern is repeated in one flight")
+    baseline_m: tuple[Annotated[float, Field(ge=0.0, le=10.0)], ...] = Field(
+        (), max_length=100, description="the paper's pattern: travel since the previous image; empty for its Table II"
+    )
 
 
 class LimitSettings(_Section):
@@ -93,27 +109,124 @@ class LimitSettings(_Section):
 
 
 class PriorSettings(_Section):
-    """What is known of the target before it is seen."""
+    """What is known of the target before it is seen; ground and height count only where they are given."""
 
     speed_sigma_m_s: float = Field(1.0, gt=0.0, le=30.0, description="per horizontal axis")
     vertical_speed_sigma_m_s: float = Field(0.05, ge=0.0, le=10.0)
     acceleration_psd_m2_s3: float = Field(0.0, ge=0.0, le=10.0, description="above 0 the target may manoeuvre")
+    ground_above_take_off_m: float | None = Field(
+        None,
+        ge=-1000.0,
+        le=1000.0,
+        description="ground under the target, above the aircraft's take-off point (below: negative); "
+        "given together with ground_sigma_m",
+    )
+    ground_sigma_m: float | None = Field(
+        None, gt=0.0, le=100.0, description="how exact that is, with the drift of the reported height since take-off"
+    )
+    centre_above_ground_m: float = Field(
+        0.85, ge=0.0, le=20.0, description="middle of the target above the ground under it; used with the ground only"
+    )
+    height_m: float | None = Field(
+        None, ge=0.1, le=20.0, description="true height of the target; given together with height_sigma_m"
+    )
+    height_sigma_m: float | None = Field(None, gt=0.0, le=10.0, description="how exact that is, as it stands or walks")
 
-    def prior(self) -> TargetPrior:
-        """As the estimator wants it."""
-        return TargetPrior(self.speed_sigma_m_s, self.vertical_speed_sigma_m_s, self.acceleration_psd_m2_s3)
+    @model_validator(mode="after")
+    def _pairs(self) -> Self:
+        for value, sigma in (("ground_above_take_off_m", "ground_sigma_m"), ("height_m", "height_sigma_m")):
+            if (getattr(self, value) is None) != (getattr(self, sigma) is None):
+                missing = value if getattr(self, value) is None else sigma
+                raise ValueError(f"{value} and {sigma} go together, and {missing} is missing")
+        if self.height_m is not None and self.height_sigma_m is not None and self.height_sigma_m >= self.height_m:
+            raise ValueError("height_sigma_m is as large as height_m; leave both out where the height is not known")
+        return self
+
+    def prior(self, take_off_up_m: float | None = None) -> TargetPrior:
+        """As the estimator wants it.
+
+        Args:
+            take_off_up_m: up coordinate of the take-off point in the flight's local frame: the aircraft's own, less
+                its reported height above the take-off point. The local frame starts where the first position was
+                reported, which may be in the air. None where it is not known.
+
+        Raises:
+            SettingsError: the ground is given and the take-off point is not known.
+        """
+        ground_up_m: float | None = None
+        if self.ground_above_take_off_m is not None:
+            if take_off_up_m is None:
+                raise SettingsError(
+                    "prior.ground_above_take_off_m is of no use: the height above the take-off point is not known",
+                    "Start the program before take-off, or leave prior.ground_above_take_off_m out.",
+                )
+            ground_up_m = take_off_up_m + self.ground_above_take_off_m
+        return TargetPrior(
+            speed_sigma_m_s=self.speed_sigma_m_s,
+            vertical_speed_sigma_m_s=self.vertical_speed_sigma_m_s,
+            acceleration_psd_m2_s3=self.acceleration_psd_m2_s3,
+            ground_up_m=ground_up_m,
+            ground_sigma_m=self.ground_sigma_m,
+            centre_above_ground_m=self.centre_above_ground_m,
+            height_m=self.height_m,
+            height_sigma_m=self.height_sigma_m,
+        )
+
+
+When = Literal["never", "on-request", "automatic"]
+"""When something is given to the autopilot."""
 
 
 class AnswerSettings(_Section):
     """What happens with the answer."""
 
-    roi: bool = Field(True, description="push a region of interest to the autopilot")
-    waypoint: bool = Field(True, description="append a waypoint at the stand-off to the mission that is there")
+    roi: When = Field("automatic", description="a region of interest for the autopilot")
+    waypoint: When = Field(
+        "automatic", description="a waypoint at the stand-off, appended to the mission that is there"
+    )
     standoff_m: float = Field(5.0, ge=2.0, le=500.0, description="distance of the waypoint from the target")
     folder: FilePath = Field(
         FilePath("flights"), description="where each flight gets a folder, and the geotag log lives"
     )
     statustext: bool = Field(True, description="tell the ground station in short texts")
+    adsb_url: str | None = Field(
+        None,
+        pattern=r"^udp(?:out)?://[^/:\s]+:\d{1,5}$",
+        description="udpout://HOST:PORT of a ground station that shows the target as traffic; never the vehicle's",
+    )
+    adsb_lifetime_s: float = Field(60.0, gt=0.0, le=3600.0, description="how long it is shown")
+
+    @field_validator("roi", "waypoint", mode="before")
+    @classmethod
+    def _as_it_was_written_before(cls, value: object) -> object:
+        """Settings files of version 0.1.0 say true and false."""
+        return {True: "automatic", False: "never"}[value] if isinstance(value, bool) else value
+
+
+class OrderSettings(_Section):
+    """Orders from the ground station, for `sidestep serve`."""
+
+    component: int = Field(100, ge=100, le=105, description="our MAVLink component id, a camera's")
+    box: Literal["locate", "track"] = Field("locate", description="what a box or click on the video starts")
+    video_url: str = Field("", description="the video as ground stations reach it; empty: the same as ours")
+
+
+Asker = Annotated[str, Field(pattern=r"^(?:[1-9]\d{0,2})(?:/[1-9]\d{0,2})?$")]
+"""A system id, or a system id and a component id with a slash between them."""
+
+
+class AuthoritySettings(_Section):
+    """Who may give orders, for `sidestep serve`; not to be changed over the link."""
+
+    allowed: tuple[Asker, ...] = Field(
+        ("255", "254", "253", "252", "251", "250", "245"),
+        description="system ids, or system/component, of the ground stations that may give orders",
+    )
+    key_file: FilePath | None = Field(
+        None, description="MAVLink 2 signing key; with it, only orders signed by it are obeyed"
+    )
+    flights_per_minute: float = Field(10.0, gt=0.0, le=60.0, description="more orders to fly than this are refused")
+    commands_per_s: float = Field(50.0, ge=5.0, le=1000.0, description="more commands of one sender are passed over")
 
 
 class MissionSettings(_Section):
@@ -127,6 +240,8 @@ class MissionSettings(_Section):
     limits: LimitSettings = LimitSettings()
     prior: PriorSettings = PriorSettings()
     answer: AnswerSettings = AnswerSettings()
+    orders: OrderSettings = OrderSettings()
+    authority: AuthoritySettings = AuthoritySettings()
     repeat: int = Field(1, ge=1, le=20, description="how many sidesteps, repositioning between them")
 
 
@@ -152,13 +267,17 @@ def read_settings(path: FilePath | None) -> MissionSettings:
         settings = MissionSettings.model_validate(content)
     except ValidationError as error:
         wrong = "; ".join(
-            f"{'.'.join(str(part) for part in item['loc'])}: {item['msg'][:1].lower()}{item['msg'][1:]}"
-            for item in error.errors()
+            f"{'.'.join(str(part) for part in item['loc'])}: {_lowered(item['msg'])}" for item in error.errors()
         )
         raise SettingsError(
             f"wrong settings in {path}: {wrong}", "`sidestep settings` prints them all with their ranges."
         ) from error
     return _relative_to(settings, path.parent)
+
+
+def _lowered(message: str) -> str:
+    message = message.removeprefix("Value error, ")
+    return message[:1].lower() + message[1:]
 
 
 def _relative_to(settings: MissionSettings, folder: FilePath) -> MissionSettings:
@@ -168,4 +287,7 @@ def _relative_to(settings: MissionSettings, folder: FilePath) -> MissionSettings
     answer = settings.answer
     if not answer.folder.is_absolute() and "folder" in answer.model_fields_set:
         answer = answer.model_copy(update={"folder": folder / answer.folder})
-    return settings.model_copy(update={"camera": camera, "answer": answer})
+    authority = settings.authority
+    if authority.key_file is not None and not authority.key_file.is_absolute():
+        authority = authority.model_copy(update={"key_file": folder / authority.key_file})
+    return settings.model_copy(update={"camera": camera, "answer": answer, "authority": authority})

@@ -26,8 +26,13 @@ def camera_position(pose: Pose, camera: Camera) -> Vector:
 
 def sighting(track: Track, t_s: float, pose: Pose, camera: Camera) -> Sighting:
     """The sighting of a track at the time `t_s` at which its row was exposed, with the pose of that time."""
-    east, north, up = camera_position(pose, camera).tolist()
-    w, x, y, z = world_from_camera(pose, camera).as_quat(scalar_first=True).tolist()
+    return sighting_from(track, t_s, camera_position(pose, camera), world_from_camera(pose, camera))
+
+
+def sighting_from(track: Track, t_s: float, position_enu_m: Vector, turned: Rotation) -> Sighting:
+    """The same with the camera's own place, ENU (3,), and its attitude (world_from_camera)."""
+    east, north, up = position_enu_m.tolist()
+    w, x, y, z = turned.as_quat(scalar_first=True).tolist()
     return Sighting(
         t_s=t_s,
         position_enu_m=(east, north, up),

@@ -117,6 +117,8 @@ def scored(running: Simulation, report: Path, exit_code: int, said: list[str]) -
     error = str(content.get("error") or "")
     if isinstance(answer, dict):
         origin, first_s, first = _first_sighting(folders[-1] / "sightings.jsonl", str(answer["id"]))
+        if scenario.vehicle.kind == "ardrone" and not scenario.ardrone.gps:
+            origin = scenario.home.origin  # its frame is its own: it reckons from where it stood
         found = score(scenario, ring, answer, first, origin)
         _draw(folders[-1], truth_track(scenario, ring, first_s, float(str(answer["t_s"])), first))
     elif not error:

@@ -19,8 +19,16 @@
     gust_m_s = 0.3
 
     [vehicle]
+    kind = "mavlink"                 # mavlink | ardrone
     heading_deg = 20.0               # at the start, clockwise from true north
     take_off_height_m = 1.6
+
+    [ardrone]                        # only of kind = "ardrone"; [autopilot] still gives noise and wind
+    gps = false                      # the GPS edition's receiver is plugged in
+    declination_deg = 0.0            # of magnetic north, clockwise from true north
+    video = "720p"                   # 360p | 720p: the live stream's lines, which [camera]'s picture is scaled to
+    scaled_to_px = [640, 480]        # what the mission scales the stream's pictures to
+    wifi = { loss = 0.0, duplicate = 0.0, reorder = 0.0 }   # shares of the commands and of the navdata
 
     [camera]
     width_px = 640
@@ -119,10 +127,29 @@ class Autopilot(_Table):
 
 
 class Vehicle(_Table):
-    """How the flight starts."""
+    """What flies, and how the flight starts."""
 
+    kind: Literal["mavlink", "ardrone"] = "mavlink"
     heading_deg: Degrees = 0.0
     take_off_height_m: float = Field(default=1.6, ge=0.8, le=60.0)
+
+
+class Wifi(_Table):
+    """Faults of the radio link: shares of its datagrams, both ways."""
+
+    loss: float = Field(default=0.0, ge=0.0, le=1.0)
+    duplicate: float = Field(default=0.0, ge=0.0, le=1.0)
+    reorder: float = Field(default=0.0, ge=0.0, le=1.0)
+
+
+class Ardrone(_Table):
+    """What only an AR.Drone has."""
+
+    gps: bool = False
+    declination_deg: Degrees = 0.0
+    video: Literal["360p", "720p"] = "720p"
+    scaled_to_px: tuple[int, int] = (640, 480)
+    wifi: Wifi = Wifi()
 
 
 class Distortion(_Table):
@@ -263,6 +290,7 @@ class Scenario(_Table):
     home: Home = Home()
     autopilot: Autopilot = Autopilot()
     vehicle: Vehicle = Vehicle()
+    ardrone: Ardrone = Ardrone()
     camera: CameraSettings = CameraSettings()
     light: Light = Light()
     people: tuple[Person, ...] = Field(default=(), max_length=8)

@@ -10,13 +10,16 @@ import math
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mission.camera import Camera, Mounting, write_camera
+from sitl.ardrone import ArdroneProcess, ardrone_url, config_of, start_ardrone
+from sitl.ardrone.wifi import bad_wifi
 from sitl.autopilot import AutopilotConfig, AutopilotProcess, Wind, start_autopilot
 from sitl.camera import CameraProcess, start_camera
 from sitl.external import ExternalAutopilot, start_external
+from sitl.faults.relay import LinkFaults
 from sitl.scenario import Scenario
 from sitl.truth import TruthRing
 
@@ -35,6 +38,12 @@ file = "camera.toml"
 [answer]
 folder = "flights"
 """
+ARDRONE_LIMITS = """
+[limits]
+min_height_m = 0.5
+max_speed_m_s = 5.0
+"""
+"""It flies lower than others, to have a whole person in its flat picture, and the paper's pattern ends fast."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +52,9 @@ class Simulation:
 
     scenario: Scenario
     ring: TruthRing
-    autopilot: AutopilotProcess | ExternalAutopilot
-    camera: CameraProcess
+    autopilot: AutopilotProcess | ExternalAutopilot | ArdroneProcess
+    camera: CameraProcess | ArdroneProcess
+    """An AR.Drone's camera is its own."""
     settings: Path
     """The mission's settings, as `sidestep locate --settings` takes them."""
 
@@ -65,6 +75,10 @@ def simulation(
         SidestepError: something did not start.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    if scenario.vehicle.kind == "ardrone":
+        with _ardrone(scenario, folder, extra_settings) as running:
+            yield running
+        return
     video = f"udp://127.0.0.1:{_free_udp_port()}"
     config = _config(scenario)
     with ExitStack() as stack:
@@ -81,11 +95,48 @@ def simulation(
         yield Simulation(scenario, ring, autopilot, camera, settings)
 
 
+@contextmanager
+def _ardrone(scenario: Scenario, folder: Path, extra_settings: str) -> Iterator[Simulation]:
+    """An AR.Drone with its camera, at free ports."""
+    with ExitStack() as stack:
+        ring = TruthRing.create(seconds=TRUTH_SPAN_S, rate_hz=TRUTH_RATE_HZ)
+        stack.callback(ring.unlink)
+        stack.callback(ring.close)
+        drone = start_ardrone(config_of(scenario), ring.name, scenario)
+        stack.callback(drone.stop)
+        own, wifi = scenario.ardrone, scenario.ardrone.wifi
+        faults = LinkFaults(loss=wifi.loss, duplicate=wifi.duplicate, reorder=wifi.reorder)
+        ports = drone.ports
+        if faults != LinkFaults():
+            ports = stack.enter_context(bad_wifi(ports, faults, scenario.seed))
+        width, height = own.scaled_to_px
+        url = ardrone_url(drone.config.host, ports)
+        url += f"&declination={own.declination_deg:g}&codec={own.video}&size={width}x{height}"
+        settings = folder / "sidestep.toml"
+        limits = "" if "[limits]" in extra_settings else ARDRONE_LIMITS
+        settings.write_text(SETTINGS.format(link=url, video=url) + limits + extra_settings, encoding="utf-8")
+        write_camera(folder / "camera.toml", camera_of(scenario))
+        yield Simulation(scenario, ring, drone, drone, settings)
+
+
 def camera_of(scenario: Scenario) -> Camera:
     """The camera as a good calibration would describe it; its latency is left for the flight to find out."""
     settings = scenario.camera
+    intrinsics = settings.intrinsics
+    if scenario.vehicle.kind == "ardrone":
+        width, height = scenario.ardrone.scaled_to_px
+        across, down = width / intrinsics.width_px, height / intrinsics.height_px
+        intrinsics = replace(
+            intrinsics,
+            width_px=width,
+            height_px=height,
+            fx=across * intrinsics.fx,
+            cx=across * intrinsics.cx,
+            fy=down * intrinsics.fy,
+            cy=down * intrinsics.cy,
+        )
     return Camera(
-        settings.intrinsics,
+        intrinsics,
         Mounting.tilted(math.radians(settings.tilt_down_deg), settings.position_body_m),
         calibrated=True,
         readout_s=settings.readout_ms / 1000.0,

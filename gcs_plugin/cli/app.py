@@ -22,7 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-COMMANDS = ("locate", "plan", "estimate", "calibrate", "export", "draw", "settings")
+COMMANDS = ("locate", "serve", "plan", "estimate", "calibrate", "export", "draw", "actions", "settings")
 """Files of this folder; each has `register(app)`."""
 
 

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from gcs_plugin.cli.calibrate_baseline import baseline
 from mission.camera.board import Board, CharucoBoard, Chessboard
 from mission.camera.calibration import BoardCalibration, calibrate_board, read_pictures
 from mission.camera.camera import Camera
@@ -18,11 +19,12 @@ from mission.camera.file import read_camera, write_camera
 from mission.camera.latency import Wiggle, measure_latency
 from mission.camera.mounting import Mounting
 from mission.camera.theta import calibrate_theta
-from mission.drones.mavlink import MavlinkDrone
+from mission.drones.make import make_drone
 from mission.errors import SettingsError
 from mission.video import open_video
 
-calibrate = typer.Typer(help="Calibrate the camera.", no_args_is_help=True)
+calibrate = typer.Typer(help="Calibrate the camera, and the paper's pattern.", no_args_is_help=True)
+calibrate.command()(baseline)
 
 _Output = Annotated[Path, typer.Option("--output", "-o", help="The camera file to write.", dir_okay=False)]
 _Tilt = Annotated[float, typer.Option("--tilt-down-deg", help="How far the camera looks down on the airframe.")]
@@ -81,7 +83,7 @@ def theta(
 
 @calibrate.command()
 def latency(
-    drone_url: Annotated[str, typer.Option("--drone", help="MAVLink: udp://..., tcp://..., serial://...")],
+    drone_url: Annotated[str, typer.Option("--drone", help="udp://..., tcp://..., serial://..., ardrone://...")],
     video_url: Annotated[str, typer.Option("--video", help="RTSP, UDP, an SDP file: what FFmpeg reads.")],
     camera_file: Annotated[Path, typer.Option("--camera", help="Camera file; the latency is stored in it.")],
     wiggle: Annotated[bool, typer.Option("--wiggle", help="Yaw by ourselves; the aircraft must hover.")] = False,
@@ -90,7 +92,7 @@ def latency(
     """The offset between video and telemetry, from a yaw movement."""
     console = Console()
     camera = read_camera(camera_file)
-    drone = MavlinkDrone(drone_url)
+    drone = make_drone(drone_url)
     try:
         drone.connect(timeout_s=30.0)
         video = open_video(video_url, latency_s=camera.latency_s)

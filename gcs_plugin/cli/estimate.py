@@ -11,6 +11,7 @@ import typer
 
 from mission.errors import EstimateRefused, SettingsError, SidestepError, SightingsFormatError
 from mission.estimate import ESTIMATORS, Estimator
+from mission.estimate.passes import Passes
 from mission.estimate.sightings_file import FlightProblem, error_line, estimate_line, read_flights
 from mission.records import FlightSightings
 
@@ -42,7 +43,9 @@ def estimate(
         stream = sys.stdout if output is None else stack.enter_context(_opened(output))
         status = ANSWERED
         for file in files:
-            status = max(status, _answer_file(file, estimator, stream), key=(ANSWERED, SOME_MISSING, UNREADABLE).index)
+            # Flights that continue each other are estimated as they were flown: each stands on the one before.
+            used = Passes() if method == "batch" else estimator
+            status = max(status, _answer_file(file, used, stream), key=(ANSWERED, SOME_MISSING, UNREADABLE).index)
     raise typer.Exit(status)
 
 

@@ -2,63 +2,36 @@
 
 from __future__ import annotations
 
-import math
-import signal
-import threading
 import time
-import uuid
 from collections.abc import Callable
 from contextlib import ExitStack
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
-from types import FrameType
 from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+from gcs_plugin.abort import Abort
 from gcs_plugin.answer import Answer, Times
 from gcs_plugin.flight_folder import FlightFolder
-from gcs_plugin.geotags import GeotagLog, Provenance
+from gcs_plugin.geotags import GeotagLog
+from gcs_plugin.locating import Equipment, Locating, open_camera
 from gcs_plugin.progress import Progress
-from mission.camera import Camera, Mounting, read_camera
 from mission.detect import make_detector
+from mission.drones.ardrone.url import is_ardrone
 from mission.drones.drone import Drone, Order, OrderState
 from mission.drones.limits import FlightSettings
-from mission.drones.mavlink import MavlinkDrone
-from mission.errors import FlightEnded, FlightRefused, SettingsError, SidestepError
-from mission.locate import Locate
+from mission.drones.make import make_drone, mavlink_of
+from mission.errors import FlightEnded, FlightRefused, SettingsError
+from mission.geodesy import ce90_m
 from mission.located import Located, TargetChoice
 from mission.records import Box
-from mission.settings import CameraSettings, MissionSettings, read_settings
+from mission.settings import MissionSettings, read_settings
 from mission.track import Tracker
-from mission.video import VideoSource, open_video
 
 TAKE_OFF_TIMEOUT_S = 60.0
-
-
-class Abort:
-    """Ctrl-C: before the flight it ends the program, during the flight it ends the flight and lets it clean up."""
-
-    def __init__(self) -> None:
-        self._asked = threading.Event()
-        self.in_flight = False
-
-    def install(self) -> None:
-        """Take over SIGINT and SIGTERM."""
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-
-    def asked(self) -> bool:
-        """Whether the operator wants an end."""
-        return self._asked.is_set()
-
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self._asked.set()
-        if not self.in_flight:
-            raise KeyboardInterrupt
 
 
 def register(app: typer.Typer) -> None:
@@ -67,8 +40,12 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def locate(
         settings: Annotated[Path | None, typer.Option(help="Settings, TOML (`sidestep settings` prints one).")] = None,
-        link: Annotated[str | None, typer.Option(help="The aircraft, e.g. udpin://0.0.0.0:14540.")] = None,
-        video: Annotated[str | None, typer.Option(help="The video: anything FFmpeg opens.")] = None,
+        link: Annotated[
+            str | None, typer.Option("--drone", "--link", help="udpin://0.0.0.0:14540 or ardrone://192.168.1.1, e.g.")
+        ] = None,
+        video: Annotated[
+            str | None, typer.Option(help="The video: anything FFmpeg opens; an AR.Drone brings its own.")
+        ] = None,
         camera: Annotated[Path | None, typer.Option(help="Camera file of `sidestep calibrate`.")] = None,
         box: Annotated[str | None, typer.Option(help="The target: LEFT,TOP,WIDTH,HEIGHT in pixels.")] = None,
         point: Annotated[str | None, typer.Option(help="The target: X,Y in pixels.")] = None,
@@ -94,8 +71,9 @@ def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None
         log.prepare()
         folder = stack.enter_context(FlightFolder(settings.answer.folder, times.utc()))
         detector = make_detector(settings.detect.detector)
-        drone = MavlinkDrone(
+        drone = make_drone(
             settings.link.url,
+            target_system=settings.link.system,
             flight=FlightSettings(min_battery_fraction=settings.link.min_battery),
             pilot_log=folder.path / "pilot.log",
         )
@@ -103,32 +81,29 @@ def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None
         progress.say(f"connecting to {settings.link.url}")
         drone.connect(settings.link.connect_timeout_s)
         progress.say(f"connected to {drone.name}, poses at {drone.telemetry().pose_rate_hz:.0f} Hz")
-        source, lens = _open_camera(settings, progress)
+        source, lens = open_camera(settings, lambda text: progress.say(text, style="bold yellow"))
         stack.callback(source.close)
         if take_off is not None:
             _take_off(drone, settings, take_off, abort, progress)
-        provenance = Provenance(
-            software=f"sidestep {version('sidestep')}",
-            flight_id=folder.path.name,
-            video=settings.video.url,
-            link=settings.link.url,
-            choice=str(choice),
-        )
-        answer = Answer(drone, drone.link, settings.answer, folder, log, progress, provenance, times)
-        stack.callback(answer.close)
-        procedure = Locate(drone, source, lens, detector, Tracker(), settings, answer, abort.asked)
+        link = mavlink_of(drone)
+        if link is None:
+            progress.say(
+                "this aircraft takes no answers (no MAVLink): the answer stays in the flight's folder and here"
+            )
+        if drone.origin is None:
+            progress.say("no place on earth is known (no GPS fix): the answer is local, and no geotag is logged")
+        equipment = Equipment(drone, link, source, lens, detector, Tracker(), log)
+        flight = Locating(equipment, settings, choice, folder, progress, times)
+        stack.callback(flight.answer.close)
         abort.in_flight = True
         try:
-            located = procedure.run(choice, f"{folder.path.name}-{uuid.uuid4().hex[:8]}")
-        except SidestepError as error:
-            answer.failed(error)
-            raise
+            located = flight.run(abort.asked)
         finally:
             abort.in_flight = False
-        answer.finish(located)
+        flight.answer.finish(located)
         if land:
             _wait(drone, drone.land(), TAKE_OFF_TIMEOUT_S, abort.asked)
-        _print(console, located, answer, folder)
+        _print(console, located, flight.answer, folder)
 
 
 def _take_off(drone: Drone, settings: MissionSettings, height_m: float, abort: Abort, progress: Progress) -> None:
@@ -162,28 +137,6 @@ def _wait(drone: Drone, order: Order, timeout_s: float, aborted: Callable[[], bo
         raise FlightEnded(f"{order.kind} ended: {order.reason}")
 
 
-def _open_camera(settings: MissionSettings, progress: Progress) -> tuple[VideoSource, Camera]:
-    """The video and the camera that makes it; loud when the camera is not calibrated."""
-    known = None if settings.camera.file is None else read_camera(settings.camera.file)
-    latency_s = settings.video.latency_s if settings.video.latency_s is not None else known.latency_s if known else 0.0
-    source = open_video(settings.video.url, latency_s=latency_s, open_timeout_s=settings.video.open_timeout_s)
-    frame = source.latest(-1, settings.video.open_timeout_s)
-    height, width = (480, 640) if frame is None else frame.image.shape[:2]
-    camera = known.for_picture(width, height) if known else _uncalibrated(settings.camera, width, height)
-    if not camera.calibrated:
-        progress.say(
-            f"WARNING: the camera is not calibrated; using {settings.camera.hfov_deg:.1f} deg of view. "
-            "Errors grow, and the ellipse with them: run `sidestep calibrate`.",
-            style="bold yellow",
-        )
-    return source, camera
-
-
-def _uncalibrated(settings: CameraSettings, width: int, height: int) -> Camera:
-    mounting = Mounting.tilted(math.radians(settings.tilt_down_deg))
-    return Camera.from_field_of_view(width, height, math.radians(settings.hfov_deg), mounting)
-
-
 def _print(console: Console, located: Located, answer: Answer, folder: FlightFolder) -> None:
     estimate = located.estimate
     table = Table(show_header=False, title="target")
@@ -193,6 +146,13 @@ def _print(console: Console, located: Located, answer: Answer, folder: FlightFol
         table.add_row("altitude", f"{tag.place.alt_m:.1f} m above {tag.place.datum}")
         table.add_row("CE90 / LE90", f"{tag.ce90_m:.2f} m / {tag.le90_m:.2f} m")
         table.add_row("geotag", f"number {tag.number} in {folder.path.parent / 'geotags.gpkg'}")
+    else:
+        east, north, up = estimate.position_enu_m
+        table.add_row(
+            "place", f"{east:+.2f} m east, {north:+.2f} m north, {up:+.2f} m up of where the aircraft started"
+        )
+        if estimate.covariance is not None:
+            table.add_row("CE90", f"{ce90_m(estimate.covariance[:2, :2]):.2f} m, relative to the aircraft's own path")
     table.add_row("depth", f"{estimate.depth_m:.2f} m at the first of {estimate.sightings} sightings")
     if estimate.velocity_enu_m_s is not None:
         east, north = estimate.velocity_enu_m_s[:2]
@@ -212,6 +172,8 @@ def _with_options(
         settings = settings.model_copy(update={"link": settings.link.model_copy(update={"url": link})})
     if video is not None:
         settings = settings.model_copy(update={"video": settings.video.model_copy(update={"url": video})})
+    elif is_ardrone(settings.link.url) and "url" not in settings.video.model_fields_set:
+        settings = settings.model_copy(update={"video": settings.video.model_copy(update={"url": settings.link.url})})
     if camera is not None:
         settings = settings.model_copy(update={"camera": settings.camera.model_copy(update={"file": camera})})
     return settings

@@ -104,6 +104,7 @@ EventKind = Literal[
     "link-back",
     "pilot-process-lost",
     "refused",
+    "caution",  # before a flight: what the autopilot would do that the operator may not expect
     "statustext",
 ]
 

@@ -12,9 +12,9 @@ from mission.drones.flight_controls import Controls
 from mission.drones.handover import Holding, Landing
 from mission.drones.limits import FlightSettings, Room, limit_exceeded
 from mission.drones.maneuvers import FollowPath, Guidance, Maneuver, StandStill, Turn
-from mission.drones.path_follower import Setpoint, check_path
+from mission.drones.path_follower import Setpoint
 from mission.drones.pilot_protocol import EventReport, FlyOrder, OrderReport
-from mission.drones.preconditions import refusal
+from mission.drones.preconditions import Guards, NoGuards, height_refusal, refusal
 from mission.drones.take_off import TakeOff
 from mission.drones.takeover import Phase, mode_takeover, sent_elsewhere
 from mission.drones.vehicle import VehicleState
@@ -39,6 +39,7 @@ class Flight:
         vehicle: what the autopilot reports.
         settings: limits.
         report: called with what the program should know.
+        guards: what is known of the vehicle beyond its state.
     """
 
     def __init__(
@@ -47,12 +48,14 @@ class Flight:
         vehicle: VehicleState,
         settings: FlightSettings,
         report: Callable[[OrderReport | EventReport], None],
+        guards: Guards | None = None,
     ) -> None:
         self.phase: Phase = "idle"
         self._controls = controls
         self._vehicle = vehicle
         self._settings = settings
         self._report = report
+        self._guards = guards or NoGuards()
         self._guidance = Guidance(vehicle, settings.max_yaw_rate_rad_s)
         self._bounds = Bounds()
         self._permitted = False
@@ -62,8 +65,7 @@ class Flight:
         self._maneuver: Maneuver | None = None
         self._take_off: TakeOff | None = None
         self._room = Room(self._bounds, np.zeros(3), 0.0, 0.0)
-        self._phase_s = 0.0
-        self._sent_s = 0.0
+        self._phase_s = self._sent_s = 0.0
         self._holding = Holding(vehicle.mode, 0.0)
         self._landing = Landing(0.0)
         self._rival: tuple[float, str] | None = None
@@ -113,10 +115,11 @@ class Flight:
         height = order.height_m
         if self.phase != "idle" or self._control_taken:
             return "a take-off is only flown from the ground, at the start of an order"
-        low, high = self._bounds.min_height_m, self._bounds.max_height_m
-        if height is None or not low <= height <= high:
-            return f"the take-off height is outside {low:.1f} to {high:.1f} m"
-        reason = refusal(self._vehicle, self._settings.min_battery_fraction, now_s, on_ground=True)
+        if height is None:
+            return "the order has no height"
+        reason = height_refusal(height, self._bounds, self._guards.fence(), self._settings.fence_margin_m) or refusal(
+            self._vehicle, self._settings, self._guards, now_s, on_ground=True
+        )
         if reason is None:
             self._take_off = TakeOff(height, now_s)
             self._enter("climbing", now_s)
@@ -129,8 +132,7 @@ class Flight:
         if self.phase == "holding":
             return "the vehicle is being put into hold; land after that"
         self._controls.release()
-        self._maneuver = None
-        self._landing = Landing(now_s)
+        self._maneuver, self._landing = None, Landing(now_s)
         self._enter("landing", now_s)
         self._flying(now_s)
         return None
@@ -141,7 +143,7 @@ class Flight:
         if self.phase != "idle":
             return f"the vehicle is {self.phase}"
         vehicle = self._vehicle
-        reason = refusal(vehicle, self._settings.min_battery_fraction, now_s, on_ground=False)
+        reason = refusal(vehicle, self._settings, self._guards, now_s, on_ground=False)
         if reason is None and self._rival is not None and now_s - self._rival[0] < _RIVAL_MEMORY_S:
             reason = f"another controller is flying it: {self._rival[1]}"
         if reason is not None:
@@ -150,7 +152,8 @@ class Flight:
         if height is None:
             return "the height above the take-off point is not known"
         here = local.position_ned_m.copy()
-        self._room = Room(self._bounds, here, float(here[2]) + height, now_s)
+        fence, margin_m = self._guards.fence(), self._settings.fence_margin_m
+        self._room = Room(self._bounds, here, float(here[2]) + height, now_s, fence, margin_m)
         reason = self._room.outside(here)
         if reason:
             return f"the vehicle is outside the allowed room: {reason}"
@@ -172,10 +175,7 @@ class Flight:
                 return "the order has no path"
             rest = float(np.linalg.norm(guidance.target.velocity_ned_m_s)) == 0.0
             start = guidance.target.position_ned_m if rest else guidance.local.position_ned_m
-            room = self._room
-            reason = check_path(
-                order.path, room.bounds, start, room.centre_ned_m, room.ground_down_m, room.left_s(now_s)
-            )
+            reason = self._room.refuses(order.path, start, now_s)
             if reason:
                 self._set_still(now_s)
                 return reason
@@ -206,7 +206,8 @@ class Flight:
         self._watch_modes(now_s)
         if self.phase in ("entering", "flying", "climbing"):
             room = self._room if self.phase == "flying" else None
-            exceeded = limit_exceeded(self._vehicle, self._settings, room, now_s - self._heard_s, now_s)
+            loss, silent_s = self._guards.packet_loss(now_s), now_s - self._heard_s
+            exceeded = limit_exceeded(self._vehicle, self._settings, room, silent_s, now_s, loss)
             if exceeded is not None:
                 self.stop(*exceeded, now_s)
         if self.phase == "climbing":
@@ -320,8 +321,7 @@ class Flight:
         came = self._holding.step(self._vehicle, self._controls, now_s)
         if came is None:
             return
-        kind, text = came
-        self.phase = "idle"
+        self.phase, (kind, text) = "idle", came
         self._permitted = self._permitted and kind == "mode"
         self._vehicle.take_mode_changes()
         self._event(now_s, kind, text)

@@ -2,26 +2,61 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from mission.drones.drone import Bounds, EventKind
-from mission.drones.path_follower import outside
+import numpy as np
+
+from mission.drones.drone import Bounds, EventKind, Path
+from mission.drones.path_follower import check_path, outside, setpoint_at
 from mission.drones.vehicle import VehicleState
 from mission.records import Vector
+
+_CHECK_STEP_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class FlightSettings:
     """Limits of the pilot process that are not part of an order's bounds."""
 
-    deadman_s: float = 0.5
-    """Silence of the program after which the vehicle is stopped."""
+    deadman_s: float = 0.47
+    """Silence of the program after which the vehicle is stopped: with a tick, hold is ordered within 0.5 s."""
     stale_s: float = 0.6
     """Age of the local position beyond which setpoints stop: the bounds cannot be watched any more."""
     min_battery_fraction: float = 0.2
     max_yaw_rate_rad_s: float = 1.2
     measured_margin_m: float = 1.5
     """The measured position may leave the bounds by this much: overrun and the estimator's own steps."""
+    fence_margin_m: float = 2.0
+    """Setpoints stay this far inside the autopilot's geofence: its overrun after a stop is 1 to 2 m."""
+    max_packet_loss: float = 0.3
+    """Of what the autopilot sends; beyond, a take-over may be seen too late."""
+    must_hold: bool = False
+    """No flight when the autopilot would do anything but hold after our setpoints have stopped."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fence:
+    """The autopilot's geofence: a cylinder around home."""
+
+    centre_ned_m: Vector
+    """(2,) north and east in the local frame."""
+    radius_m: float = math.inf
+    min_height_m: float = -math.inf
+    max_height_m: float = math.inf
+
+    def outside(self, position_ned_m: Vector, ground_down_m: float, margin_m: float) -> str | None:
+        """How a position (3,) lies outside, or less than the margin inside; None when it does not."""
+        away = float(np.hypot(*(position_ned_m[:2] - self.centre_ned_m)))
+        height = ground_down_m - float(position_ned_m[2])
+        kept = f", of which {margin_m:.1f} m are kept free"
+        if not away <= self.radius_m - margin_m:
+            return f"{away:.1f} m from home, the autopilot's geofence is at {self.radius_m:.1f} m{kept}"
+        if not height <= self.max_height_m - margin_m:
+            return f"height {height:.1f} m, the autopilot's geofence is at {self.max_height_m:.1f} m{kept}"
+        if not height >= self.min_height_m:
+            return f"height {height:.1f} m, the autopilot's geofence begins at {self.min_height_m:.1f} m"
+        return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,10 +70,28 @@ class Room:
     """Down coordinate from which heights count."""
     since_s: float
     """When control was taken."""
+    fence: Fence | None = None
+    fence_margin_m: float = 0.0
 
     def outside(self, position_ned_m: Vector, margin_m: float = 0.0) -> str | None:
-        """How a position (3,) lies outside, or None."""
-        return outside(position_ned_m, self.bounds, self.centre_ned_m, self.ground_down_m, margin_m)
+        """How a position (3,) lies outside the bounds, widened by a margin, or outside the geofence; None inside."""
+        reason = outside(position_ned_m, self.bounds, self.centre_ned_m, self.ground_down_m, margin_m)
+        if reason is None and self.fence is not None:
+            keep_m = max(0.0, self.fence_margin_m - margin_m)
+            reason = self.fence.outside(position_ned_m, self.ground_down_m, keep_m)
+        return reason
+
+    def refuses(self, path: Path, start_ned_m: Vector, now_s: float) -> str | None:
+        """Why a path from a start (3,) may not be flown: bounds, time or geofence; None when it may."""
+        reason = check_path(path, self.bounds, start_ned_m, self.centre_ned_m, self.ground_down_m, self.left_s(now_s))
+        if reason or self.fence is None:
+            return reason
+        for i in range(math.ceil(path.duration_s / _CHECK_STEP_S) + 1):
+            place = setpoint_at(path, min(i * _CHECK_STEP_S, path.duration_s), start_ned_m).position_ned_m
+            reason = self.fence.outside(place, self.ground_down_m, self.fence_margin_m)
+            if reason:
+                return f"the path would leave the geofence: {reason}"
+        return None
 
     def left_s(self, now_s: float) -> float:
         """What is left of the time allowed."""
@@ -46,7 +99,12 @@ class Room:
 
 
 def limit_exceeded(
-    vehicle: VehicleState, settings: FlightSettings, room: Room | None, silent_s: float, now_s: float
+    vehicle: VehicleState,
+    settings: FlightSettings,
+    room: Room | None,
+    silent_s: float,
+    now_s: float,
+    packet_loss: float | None = None,
 ) -> tuple[EventKind, str] | None:
     """The first limit that is exceeded, as the kind of event and its reason.
 
@@ -56,12 +114,15 @@ def limit_exceeded(
         room: where it may be; None while the autopilot itself climbs.
         silent_s: since the program was last heard.
         now_s: program time.
+        packet_loss: fraction of the autopilot's packets that do not arrive; None when that is not known.
     """
     battery, local = vehicle.battery_fraction, vehicle.local
     if silent_s > settings.deadman_s:
         return "deadman", f"the program was silent for {silent_s:.2f} s"
     if not vehicle.connected(now_s) or local is None or now_s - local.t_s > settings.stale_s:
         return "link-lost", "the autopilot's position is no longer received"
+    if packet_loss is not None and packet_loss > settings.max_packet_loss:
+        return "link-lost", lossy(packet_loss, settings)
     if battery is not None and battery < settings.min_battery_fraction:
         return "failsafe", f"the battery is at {100 * battery:.0f} %"
     if room is None:
@@ -70,3 +131,8 @@ def limit_exceeded(
         return "failsafe", f"the time allowed ({room.bounds.max_duration_s:.0f} s) is over"
     reason = room.outside(local.position_ned_m, settings.measured_margin_m)
     return ("failsafe", f"the vehicle left its bounds: {reason}") if reason else None
+
+
+def lossy(packet_loss: float, settings: FlightSettings) -> str:
+    """A link that loses too much, in words for the operator."""
+    return f"the link loses {100 * packet_loss:.0f} % of the packets, more than {100 * settings.max_packet_loss:.0f} %"

@@ -61,6 +61,7 @@ class MavlinkLink:
             raise and not block.
         handled: message names for the handler.
         heartbeat: whether the link sends HEARTBEAT once a second.
+        on_frame: called in the reader thread with every whole frame, decoded or not, and its arrival time.
         clock: monotonic seconds.
     """
 
@@ -74,6 +75,7 @@ class MavlinkLink:
         handler: Callable[[Message, float], None] | None = None,
         handled: Sequence[str] = (),
         heartbeat: bool = True,
+        on_frame: Callable[[bytes, float], None] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.source_system = source_system
@@ -94,6 +96,7 @@ class MavlinkLink:
         self._handled = frozenset(handled)
         self._parser = mavlink.MAVLink(None)
         self._packers: dict[int, mavlink.MAVLink] = {}
+        self._signers: dict[int, Callable[[], int]] = {}
         self._sending = threading.Lock()
         self._peer: tuple[str, int] | None = None
         self._boxes: list[tuple[frozenset[str], Mailbox]] = []
@@ -101,6 +104,7 @@ class MavlinkLink:
         self._command_locks: dict[tuple[int, int], threading.Lock] = {}
         self._wanted: frozenset[int] = frozenset()
         self._heartbeat = heartbeat
+        self._on_frame = on_frame
         self._closed = threading.Event()
         self._update_wanted()
         self._thread = threading.Thread(target=self._run, name="mavlink-link", daemon=True)
@@ -132,10 +136,10 @@ class MavlinkLink:
         """
         component = self.source_component if source_component is None else source_component
         with self._sending:
-            packer = self._packers.get(component)
-            if packer is None:
-                packer = self._packers[component] = mavlink.MAVLink(None, self.source_system, component)
+            packer = self._packer(component)
             packer.srcSystem = self.source_system
+            if component in self._signers:
+                packer.signing.timestamp = max(packer.signing.timestamp, self._signers[component]())
             data = message.pack(packer)
             packer.seq = (packer.seq + 1) % 256
             if self._peer is None or self._closed.is_set():
@@ -145,6 +149,25 @@ class MavlinkLink:
                 self._socket.sendto(data, socket.MSG_DONTWAIT, self._peer)
             except OSError:
                 self.dropped += 1
+
+    def sign_as(self, component: int, key: bytes, timestamp: Callable[[], int]) -> None:
+        """From here on sign what is sent as this component (MAVLink 2 message signing).
+
+        Args:
+            component: of ours.
+            key: 32 bytes.
+            timestamp: the next one, 10 us since 2015; it is made to grow with each message.
+        """
+        with self._sending:
+            signing = self._packer(component).signing
+            signing.secret_key, signing.sign_outgoing = key, True
+            self._signers[component] = timestamp
+
+    def _packer(self, component: int) -> mavlink.MAVLink:
+        packer = self._packers.get(component)
+        if packer is None:
+            packer = self._packers[component] = mavlink.MAVLink(None, self.source_system, component)
+        return packer
 
     @contextlib.contextmanager
     def listen(self, *types: str, size: int = 200) -> Iterator[Mailbox]:
@@ -276,16 +299,8 @@ class MavlinkLink:
             now = self._clock()
             if self._heartbeat and now >= next_beat:
                 next_beat = now + 1.0
-                self.send(
-                    mavlink.MAVLink_heartbeat_message(
-                        mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-                        mavlink.MAV_AUTOPILOT_INVALID,
-                        0,
-                        0,
-                        mavlink.MAV_STATE_ACTIVE,
-                        3,
-                    )
-                )
+                kind, active = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_STATE_ACTIVE
+                self.send(mavlink.MAVLink_heartbeat_message(kind, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, active, 3))
             try:
                 data, peer = self._socket.recvfrom(65535)
             except TimeoutError:
@@ -304,6 +319,8 @@ class MavlinkLink:
             return
         arrived_s = self._clock()
         for message_id, frame in frames(data):
+            if self._on_frame is not None:
+                self._on_frame(frame, arrived_s)
             if self._peer is not None and message_id not in self._wanted:
                 continue
             message = decode(self._parser, frame)

@@ -26,7 +26,7 @@ from mission.drones.pilot_protocol import Aim, Begin, FlyOrder, OrderKind
 from mission.drones.pose_quality import attitude_covariance, noise_model, position_covariance
 from mission.drones.rates import MessageRates
 from mission.drones.url import mavsdk_url
-from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState
+from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState, on_earth
 from mission.errors import LinkError
 from mission.geodesy import geodetic_to_enu
 from mission.pose import Pose, PoseBuffer, world_from_body
@@ -317,8 +317,10 @@ class MavlinkDrone:
             self._newest_boot_s = max(self._newest_boot_s, boot_s)
             self._boot.observe(boot_s, arrived_s)
         if name == "ATTITUDE":
+            if not all(map(math.isfinite, (message.roll, message.pitch, message.yaw))):
+                return
             self._poses.add_attitude(boot_s, world_from_body(message.roll, message.pitch, message.yaw))
-        elif message.lat or message.lon:
+        elif on_earth(message.lat, message.lon):
             self._take_position(message, boot_s, arrived_s)
 
     def _take_position(self, message: Any, boot_s: float, arrived_s: float) -> None:

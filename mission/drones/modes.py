@@ -7,7 +7,7 @@ from typing import Literal
 
 from pymavlink.dialects.v20 import all as mavlink
 
-Autopilot = Literal["px4", "ardupilot", "other"]
+Autopilot = Literal["px4", "ardupilot", "ardrone", "other"]
 ModeKind = Literal["offboard", "hold", "take-off", "land", "return", "mission", "manual", "unknown"]
 """`offboard` flies setpoints from outside: OFFBOARD of PX4, GUIDED of ArduPilot."""
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 import queue
 import signal
 import sys
@@ -31,25 +30,24 @@ from pydantic import ValidationError
 from mission.drones.controls import MavsdkControls
 from mission.drones.drone import EventKind
 from mission.drones.flight import Flight
+from mission.drones.limits import Fence
 from mission.drones.link import MavlinkLink
 from mission.drones.loopback import loopback_socket
+from mission.drones.packet_loss import PacketLoss
 from mission.drones.pilot_config import MAVSDK_COMPONENT, PILOT_COMPONENT, PROGRAM_COMPONENT, PilotConfig
+from mission.drones.pilot_pipe import LoopWatchdog, PilotPipe, own_stdout
 from mission.drones.pilot_protocol import (
-    MAX_LINE,
     Aim,
     Begin,
     EventReport,
     Failed,
     FlyOrder,
-    FromPilot,
     KeepAlive,
     Quit,
     Ready,
-    ToPilot,
-    decode_to_pilot,
-    encode,
 )
-from mission.drones.rates import MessageRates
+from mission.drones.rates import MessageRates, ask_rate
+from mission.drones.safeguards import SAFEGUARD_MESSAGES, Safeguards
 from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState
 from mission.errors import LinkError, SidestepError
 
@@ -57,10 +55,12 @@ _LOG = logging.getLogger(__name__)
 
 TICK_S = 0.02
 _FAREWELL_S = 6.0
-_HANG_S = 0.5
-_ALARM_S = 2.0
 _FOREIGN = ("SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET", "COMMAND_INT")
 _DO_REPOSITION = 192
+_ASK_TARGET_S = 2.0
+_ASK_TARGET_TIMES = 3
+_TARGET_HZ = 200.0
+_IDLE_TARGET_HZ = 2.0
 
 
 class _Vehicle:
@@ -69,6 +69,8 @@ class _Vehicle:
     def __init__(self, config: PilotConfig) -> None:
         self.mavsdk, self.system = _connect(config)
         self.state = VehicleState(self.system.get_system_id())
+        self.safeguards = Safeguards(self.state)
+        self.loss = PacketLoss()
         self.rivals: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._own = {MAVSDK_COMPONENT, PILOT_COMPONENT, PROGRAM_COMPONENT}
         sock = loopback_socket()
@@ -79,7 +81,8 @@ class _Vehicle:
             source_component=PILOT_COMPONENT,
             target_system=self.state.system,
             handler=self._take,
-            handled=(*VEHICLE_MESSAGES, *_FOREIGN),
+            handled=(*VEHICLE_MESSAGES, *_FOREIGN, *SAFEGUARD_MESSAGES),
+            on_frame=lambda frame, now_s: self.loss.observe(frame, self.state.system, now_s),
         )
         for loopback in (port, config.program_port):
             self.mavsdk.add_any_connection_with_handle_and_forwarding(
@@ -87,19 +90,48 @@ class _Vehicle:
             )
         self.controls = MavsdkControls(self.system, self.link, self.state)
         self.rates: MessageRates | None = None
+        self._target_asked_s = -_ASK_TARGET_S
+        self._target_watched = False
+        self._target_asks = _ASK_TARGET_TIMES
 
     def keep_rates(self, now_s: float) -> None:
         """Ask for what the flight watches, in the autopilot's own terms."""
         if self.rates is None and self.state.heartbeat_s is not None:
             wanted = {"LOCAL_POSITION_NED": 50.0, "GLOBAL_POSITION_INT": 50.0, "ATTITUDE": 50.0}
-            wanted |= {"EXTENDED_SYS_STATE": 5.0, "SYS_STATUS": 2.0, "GPS_RAW_INT": 5.0}
+            wanted |= {"EXTENDED_SYS_STATE": 5.0, "SYS_STATUS": 2.0, "GPS_RAW_INT": 5.0, "HOME_POSITION": 1.0}
             if self.state.autopilot == "px4":
                 wanted |= {"CURRENT_MODE": 20.0, "ESTIMATOR_STATUS": 1.0}
             else:
-                wanted |= {"EKF_STATUS_REPORT": 2.0, "POSITION_TARGET_GLOBAL_INT": 50.0}
+                wanted |= {"EKF_STATUS_REPORT": 2.0}
             self.rates = MessageRates(self.link, wanted, now_s)
         if self.rates is not None:
             self.rates.keep(now_s)
+
+    def fence(self) -> Fence | None:
+        """The autopilot's geofence."""
+        return self.safeguards.fence()
+
+    def refusal(self, must_hold: bool) -> str | None:
+        """Why the autopilot's own reactions forbid a flight."""
+        return self.safeguards.refusal(must_hold)
+
+    def packet_loss(self, now_s: float) -> float | None:
+        """Fraction of the autopilot's packets that do not arrive."""
+        return self.loss.fraction(now_s)
+
+    def watch_target(self, flying: bool, now_s: float) -> None:
+        """Ask ArduPilot for its own target, which is all that shows an operator's "fly here" in GUIDED.
+
+        It is there only until our next setpoint, so it is asked for at the highest rate while we fly. That costs
+        nothing: following our setpoints it has no target to report (ModeGuided::get_wp).
+        """
+        changed, self._target_watched = flying != self._target_watched, flying
+        self._target_asks = 0 if changed else self._target_asks
+        due = changed or now_s - self._target_asked_s > _ASK_TARGET_S
+        # Without an end while we fly, since the autopilot may have forgotten; afterwards a few times, for lossy links.
+        if self.state.autopilot == "ardupilot" and due and (flying or self._target_asks < _ASK_TARGET_TIMES):
+            self._target_asked_s, self._target_asks = now_s, self._target_asks + 1
+            ask_rate(self.link, "POSITION_TARGET_GLOBAL_INT", _TARGET_HZ if flying else _IDLE_TARGET_HZ)
 
     def close(self) -> None:
         """Silence everything."""
@@ -109,6 +141,9 @@ class _Vehicle:
 
     def _take(self, message: Any, arrived_s: float) -> None:
         name = message.get_type()
+        if name in SAFEGUARD_MESSAGES:
+            self.safeguards.take(message)
+            return
         if name not in _FOREIGN:
             self.state.update(message, arrived_s)
             return
@@ -157,66 +192,11 @@ def _wait_for_system(mavsdk: Mavsdk, wanted: int, deadline_s: float) -> System |
     return None
 
 
-class _Pipe:
-    """The program's lines as they come, and lines to it; neither side ever blocks the loop."""
-
-    def __init__(self, source: int, sink: int) -> None:
-        self.closed = threading.Event()
-        self._lines: queue.SimpleQueue[ToPilot] = queue.SimpleQueue()
-        self._out: queue.Queue[FromPilot] = queue.Queue(1000)
-        self._source, self._sink = source, sink
-        self._parent = os.getppid()
-        threading.Thread(target=self._read, name="orders", daemon=True).start()
-        self._writer = threading.Thread(target=self._write, name="reports", daemon=True)
-        self._writer.start()
-
-    def take(self) -> list[ToPilot]:
-        """The lines since the last call."""
-        if os.getppid() != self._parent:
-            self.closed.set()
-        lines = []
-        with contextlib.suppress(queue.Empty):
-            while True:
-                lines.append(self._lines.get_nowait())
-        return lines
-
-    def send(self, line: FromPilot) -> None:
-        """Send a line; dropped when the program has not read a thousand of them."""
-        with contextlib.suppress(queue.Full):
-            self._out.put_nowait(line)
-
-    def flush(self, timeout_s: float) -> None:
-        """Wait until everything is written."""
-        until = time.monotonic() + timeout_s
-        while self._out.unfinished_tasks and time.monotonic() < until:
-            time.sleep(0.01)  # looks again until the deadline
-
-    def _read(self) -> None:
-        pending = b""
-        while data := os.read(self._source, 65536):
-            *lines, pending = (pending + data).split(b"\n")
-            for line in lines:
-                order = decode_to_pilot(line)
-                if order is not None:
-                    self._lines.put(order)
-            pending = pending[:MAX_LINE]
-        self.closed.set()
-
-    def _write(self) -> None:
-        while True:
-            line = self._out.get()
-            try:
-                _write_all(self._sink, encode(line))
-            except OSError:
-                self.closed.set()
-            self._out.task_done()
-
-
 def main(arguments: list[str]) -> int:
     """Run until the program goes; exit status 0 after an orderly end."""
-    source, sink = _own_stdout()
+    source, sink = own_stdout()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    pipe = _Pipe(source, sink)
+    pipe = PilotPipe(source, sink)
     try:
         config = PilotConfig.model_validate_json(arguments[0])
         vehicle = _Vehicle(config)
@@ -225,9 +205,9 @@ def main(arguments: list[str]) -> int:
         pipe.send(Failed(cause=cause, remedy=remedy))
         pipe.flush(1.0)
         return 2
-    flight = Flight(vehicle.controls, vehicle.state, config.flight, pipe.send)
+    flight = Flight(vehicle.controls, vehicle.state, config.flight, pipe.send, vehicle)
     pipe.send(Ready(system=vehicle.state.system))
-    alive = _Alive(vehicle.controls)
+    alive = LoopWatchdog(vehicle.controls.stop)
     try:
         _fly(flight, vehicle, pipe, alive)
     finally:
@@ -244,10 +224,11 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-def _fly(flight: Flight, vehicle: _Vehicle, pipe: _Pipe, alive: _Alive) -> None:
+def _fly(flight: Flight, vehicle: _Vehicle, pipe: PilotPipe, alive: LoopWatchdog) -> None:
     quit_asked = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: quit_asked.set())
     connected: bool | None = None
+    cautioned = False
     next_s = time.monotonic()
     while True:
         now = time.monotonic()
@@ -269,6 +250,12 @@ def _fly(flight: Flight, vehicle: _Vehicle, pipe: _Pipe, alive: _Alive) -> None:
             while True:
                 flight.rival(vehicle.rivals.get_nowait(), now)
         vehicle.keep_rates(now)
+        vehicle.safeguards.ask(vehicle.link, now)
+        if vehicle.safeguards.known and not cautioned:
+            cautioned = True
+            for text in vehicle.safeguards.cautions():
+                pipe.send(EventReport(t_s=now, kind="caution", text=text))
+        vehicle.watch_target(flight.phase in ("entering", "flying"), now)
         flight.step(now)
         if vehicle.state.connected(now) != connected and vehicle.state.heartbeat_s is not None:
             if connected is not None:
@@ -280,46 +267,6 @@ def _fly(flight: Flight, vehicle: _Vehicle, pipe: _Pipe, alive: _Alive) -> None:
             return
         next_s = max(next_s + TICK_S, now)
         time.sleep(max(0.0, next_s - time.monotonic()))  # paces the loop
-
-
-class _Alive:
-    """Ends this process when its loop hangs."""
-
-    def __init__(self, controls: MavsdkControls) -> None:
-        self._controls = controls
-        self._ticked_s = time.monotonic()
-        self._stopped = threading.Event()
-        threading.Thread(target=self._watch, name="watchdog", daemon=True).start()
-
-    def tick(self) -> None:
-        """The loop is alive."""
-        self._ticked_s = time.monotonic()
-        # The default action of SIGALRM ends the process without any help from Python.
-        signal.setitimer(signal.ITIMER_REAL, _ALARM_S)
-
-    def stop(self) -> None:
-        """No more watching, only the alarm for what is left to do."""
-        self._stopped.set()
-        signal.setitimer(signal.ITIMER_REAL, 5.0)
-
-    def _watch(self) -> None:
-        while not self._stopped.wait(0.1):
-            if time.monotonic() - self._ticked_s > _HANG_S:
-                self._controls.stop()
-                time.sleep(0.5)  # lets the stop go out before the process ends
-                os._exit(3)
-
-
-def _own_stdout() -> tuple[int, int]:
-    """File descriptors from and to the program. MAVSDK writes its log to 1, which becomes the standard error."""
-    sink = os.dup(1)
-    os.dup2(2, 1)
-    return 0, sink
-
-
-def _write_all(sink: int, data: bytes) -> None:
-    while data:
-        data = data[os.write(sink, data) :]
 
 
 if __name__ == "__main__":

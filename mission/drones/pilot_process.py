@@ -12,9 +12,10 @@ from collections.abc import Callable
 from pathlib import Path as FilePath
 from typing import IO
 
+from pydantic import BaseModel
+
 import mission
 from mission.drones.drone import DroneEvent, OrderState
-from mission.drones.pilot_config import PilotConfig
 from mission.drones.pilot_protocol import (
     MAX_LINE,
     EventReport,
@@ -91,10 +92,15 @@ class PilotProcess:
         config: for the process.
         log: file for what the process and MAVSDK write; None drops it.
         clock: monotonic seconds.
+        module: what the process runs.
     """
 
     def __init__(
-        self, config: PilotConfig, log: FilePath | None = None, clock: Callable[[], float] = time.monotonic
+        self,
+        config: BaseModel,
+        log: FilePath | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        module: str = "mission.drones.pilot",
     ) -> None:
         self._clock = clock
         self._orders: dict[int, WatchedOrder] = {}
@@ -106,7 +112,7 @@ class PilotProcess:
         self._failed: Failed | None = None
         self._closing = False
         self._gone = False
-        self._process = _start(config, log)
+        self._process = _start(module, config, log)
         self._reader = threading.Thread(target=self._read, name="pilot-reports", daemon=True)
         self._reader.start()
 
@@ -226,11 +232,11 @@ class PilotProcess:
                 return
 
 
-def _start(config: PilotConfig, log: FilePath | None) -> subprocess.Popen[bytes]:
+def _start(module: str, config: BaseModel, log: FilePath | None) -> subprocess.Popen[bytes]:
     # The process finds this package where we did, whatever its working directory.
     root = str(FilePath(mission.__file__).parents[1])
     path = os.pathsep.join(p for p in (root, os.environ.get("PYTHONPATH", "")) if p)
-    command = [sys.executable, "-m", "mission.drones.pilot", config.model_dump_json()]
+    command = [sys.executable, "-m", module, config.model_dump_json()]
     errors: IO[bytes] | int = subprocess.DEVNULL if log is None else log.open("ab")
     try:
         return subprocess.Popen(

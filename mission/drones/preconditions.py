@@ -2,11 +2,74 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mission.drones.drone import Bounds
+from mission.drones.limits import Fence, FlightSettings, lossy
 from mission.drones.vehicle import VehicleState
 
+_FLOWN_M_S = 1.0
+"""A vehicle in GUIDED that moves faster than this follows somebody."""
 
-def refusal(vehicle: VehicleState, min_battery_fraction: float, now_s: float, *, on_ground: bool) -> str | None:
+
+class Guards(Protocol):
+    """What is known of the vehicle beyond its state: its own safeguards, and its link."""
+
+    def fence(self) -> Fence | None:
+        """The autopilot's geofence, in the local frame; None when it has none."""
+        ...
+
+    def refusal(self, must_hold: bool) -> str | None:
+        """Why the autopilot's own reactions forbid a flight."""
+        ...
+
+    def packet_loss(self, now_s: float) -> float | None:
+        """Fraction of the autopilot's packets that do not arrive; None when that is not known."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class NoGuards:
+    """For a vehicle that has none."""
+
+    def fence(self) -> Fence | None:
+        """None."""
+        return None
+
+    def refusal(self, must_hold: bool) -> str | None:
+        """None."""
+        return None
+
+    def packet_loss(self, now_s: float) -> float | None:
+        """Not known."""
+        return None
+
+
+def height_refusal(height_m: float, bounds: Bounds, fence: Fence | None, margin_m: float) -> str | None:
+    """Why a take-off to a height above the ground is not allowed; None when it is.
+
+    Args:
+        height_m: wanted.
+        bounds: of the order.
+        fence: of the autopilot.
+        margin_m: kept free below the fence's ceiling.
+    """
+    if not bounds.min_height_m <= height_m <= bounds.max_height_m:
+        return f"the take-off height is outside {bounds.min_height_m:.1f} to {bounds.max_height_m:.1f} m"
+    if fence is None:
+        return None
+    reason = fence.outside(np.array([*fence.centre_ned_m, -height_m]), 0.0, margin_m)
+    return f"the take-off would leave the geofence: {reason}" if reason else None
+
+
+def refusal(
+    vehicle: VehicleState, settings: FlightSettings, guards: Guards, now_s: float, *, on_ground: bool
+) -> str | None:
     """The first reason not to take off (`on_ground`) or not to take control in the air; None when there is none."""
+    loss = guards.packet_loss(now_s)
     if not vehicle.connected(now_s):
         return "the autopilot is not heard"
     if vehicle.autopilot == "other":
@@ -24,12 +87,17 @@ def refusal(vehicle: VehicleState, min_battery_fraction: float, now_s: float, *,
     if on_ground and vehicle.prearm_ok is False:
         return "the autopilot's checks before arming do not pass"
     battery = vehicle.battery_fraction
-    if battery is not None and battery < min_battery_fraction:
-        return f"the battery is at {100 * battery:.0f} %, below {100 * min_battery_fraction:.0f} %"
+    if battery is not None and battery < settings.min_battery_fraction:
+        return f"the battery is at {100 * battery:.0f} %, below {100 * settings.min_battery_fraction:.0f} %"
+    if loss is not None and loss > settings.max_packet_loss:
+        return lossy(loss, settings)
     if vehicle.critical:
         return f"the autopilot is in a failsafe ({vehicle.mode.name})"
     if not on_ground and vehicle.mode.kind in ("land", "return", "take-off", "unknown"):
         return f"the vehicle is in {vehicle.mode.name}"
     if not on_ground and vehicle.mode.kind == "offboard" and vehicle.autopilot == "px4":
         return "another controller is flying it in Offboard"
-    return None
+    speed = 0.0 if vehicle.local is None else float(np.linalg.norm(vehicle.local.velocity_ned_m_s))
+    if not on_ground and vehicle.mode.kind == "offboard" and speed > _FLOWN_M_S:
+        return f"another controller is flying it: in {vehicle.mode.name} it moves at {speed:.1f} m/s"
+    return guards.refusal(settings.must_hold)

@@ -49,22 +49,24 @@ class MessageRates:
         if self._link.target_system and (self._asked_s is None or now_s - self._asked_s >= _ASK_AGAIN_S):
             for name, hz in self.wanted.items():
                 if self._measured.get(name, 0.0) < _ENOUGH * hz:
-                    self._ask(name, hz)
+                    ask_rate(self._link, name, hz)
             self._asked_s = now_s
 
-    def _ask(self, name: str, hz: float) -> None:
-        self._link.send(
-            mavlink.MAVLink_command_long_message(
-                self._link.target_system,
-                self._link.target_component,
-                mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
-                0,
-                MESSAGE_IDS[name],
-                1e6 / hz,
-                0,
-                0,
-                0,
-                0,
-                0,
-            )
+
+def ask_rate(link: MavlinkLink, name: str, hz: float) -> None:
+    """Ask once, without waiting, for a message at a rate (MAV_CMD_SET_MESSAGE_INTERVAL)."""
+    link.send(
+        mavlink.MAVLink_command_long_message(
+            link.target_system,
+            link.target_component,
+            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+            0,
+            MESSAGE_IDS[name],
+            1e6 / hz,
+            0,
+            0,
+            0,
+            0,
+            0,
         )
+    )

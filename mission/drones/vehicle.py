@@ -211,7 +211,7 @@ class VehicleState:
         self.geoid_separation_m = (m.alt_ellipsoid - m.alt) * 1e-3 if m.alt_ellipsoid else None
 
     def _on_global_position_int(self, m: Any, now_s: float) -> None:
-        if m.lat == 0 and m.lon == 0:
+        if not on_earth(m.lat, m.lon):
             return
         self.lat_deg, self.lon_deg = m.lat * 1e-7, m.lon * 1e-7
         self.alt_amsl_m, self.relative_alt_m = m.alt * 1e-3, m.relative_alt * 1e-3
@@ -253,6 +253,11 @@ class VehicleState:
 
     def _on_statustext(self, m: Any, now_s: float) -> None:
         self.texts.append((now_s, m.severity, m.text.strip("\x00 \t")))
+
+
+def on_earth(lat_e7: int, lon_e7: int) -> bool:
+    """Whether these are a place, in degrees times 1e7; both 0 means that it is not known."""
+    return (lat_e7 != 0 or lon_e7 != 0) and abs(lat_e7) <= 900_000_000 and abs(lon_e7) <= 1_800_000_000
 
 
 _UPDATES = {

@@ -9,6 +9,7 @@ number of blocks; the border follows by its Schur complement (Golub & Van Loan, 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -33,8 +34,11 @@ class Factored:
     """L^-1 [H_cb, extra], shape (n * b, m)."""
     schur: Matrix
     """Lower Cholesky factor of the border's information with the chain eliminated, (m, m)."""
-    log_determinant: float
-    """Of the whole matrix."""
+
+    @property
+    def log_determinant(self) -> float:
+        """Of the whole matrix."""
+        return 2.0 * float(np.log(self.band[0]).sum() + np.log(np.diag(self.schur)).sum())
 
     def solve(self, chain: Vector, border: Vector) -> tuple[Vector, Vector]:
         """Chain (n * b,) and border (m,) that solve the equations for the right-hand side."""
@@ -81,11 +85,9 @@ def factor(diagonal: Matrix, below: Matrix, coupling: Matrix, border: Matrix) ->
     schur, info = lapack.dpotrf(border - half.T @ half, lower=1, clean=1)
     if info != 0:
         raise NotPositiveDefinite("the border's information is singular")
-    pivots = np.concatenate((band[0], np.diag(schur)))
-    log_determinant = 2.0 * float(np.log(pivots).sum())
-    if not np.isfinite(log_determinant):
+    if not math.isfinite(float(band[0].sum()) + float(schur.trace())):
         raise NotPositiveDefinite("the information is not finite")
-    return Factored(band, half, schur, log_determinant)
+    return Factored(band, half, schur)
 
 
 def _band(diagonal: Matrix, below: Matrix) -> Matrix:

@@ -115,7 +115,8 @@ def _carried_starts(flight: FlightSightings, seen: Observations, carried: Border
     except EstimateRefused:
         found = Starts((), every, every)
     cost = found.starts[0].cost if found.starts else 0.0
-    known = Start(carried.mean[:3], carried.mean[3:6] * speed, float(carried.mean[6]), cost, np.zeros(len(every)))
+    unjudged = np.zeros((2, len(every)))
+    known = Start(carried.mean[:3], carried.mean[3:6] * speed, float(carried.mean[6]), cost, unjudged[0], unjudged)
     return Starts((known, *found.starts), found.right, found.sized)
 
 
@@ -144,7 +145,7 @@ def _from_start(model: JointModel, start: Start) -> tuple[JointModel, Minimum]:
 
 
 def _continued(model: JointModel, first: Minimum) -> Minimum:
-    return first if first.converged else minimise(model, first.at, before=first.promised)
+    return first if first.converged else minimise(model, first.at)
 
 
 def _less(model: JointModel, minimum: Minimum) -> tuple[JointModel | None, NDArray[np.intp]]:

@@ -5,13 +5,20 @@ sighting. It is moved to the first sighting of the next pass as a target with wh
 
     p' = p + v dt,   v' = v,   Q = q [[dt^3 / 3, dt^2 / 2], [dt^2 / 2, dt]] per horizontal axis,
 
-the reported position's random walk is added to the position (it went on meanwhile), and there it takes the prior's
-place in the same joint model that a single pass is estimated with. (Bar-Shalom, Li & Kirubarajan, Estimation with
-Applications to Tracking and Navigation, 6.2.2; an iterated Kalman smoother, pass by pass.)
+and there it takes the prior's place in the same joint model that a single pass is estimated with. (Bar-Shalom, Li &
+Kirubarajan, Estimation with Applications to Tracking and Navigation, 6.2.2; an iterated Kalman smoother, pass by pass.)
+
+Where the reported position walks, two things are to be kept apart: a pass places the target relative to where the
+camera was reported to be at the pass's first sighting, and the next pass's reports have walked since. So the position
+that is carried is the one relative to the reports at the last sighting, p + (the walk there), and the walk goes on in
+the gap.
+The biases stay what they are: a heading that is 2 degrees off is 2 degrees off in each pass, so a pass more does not
+average it out, and both passes know it. The size may change by what a posture changes it.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,14 +27,16 @@ from mission.errors import EstimateRefused
 from mission.estimate.arrow import NotPositiveDefinite
 from mission.estimate.batch import most_probable
 from mission.estimate.gauss_newton import Minimum
-from mission.estimate.joint_model import BORDER, HEADING, SIZE, TILT, BorderPrior, JointModel
+from mission.estimate.joint_model import BORDER, HEADING, SIZE, TILT, WALK, BorderPrior, JointModel
 from mission.estimate.observations import observe, tamed_noise, tamed_prior
 from mission.estimate.posterior import to_estimate
-from mission.estimate.target_covariance import target_moments
+from mission.estimate.target_covariance import first_camera
 from mission.records import Estimate, FlightSightings, Matrix, NoiseModel, Vector
 
 BETWEEN_PSD_M2_S3 = 0.02
 """How a walking person's velocity wanders while nobody looks, unless the prior says more: 0.14 m/s in a second."""
+POSTURE_SIGMA = 0.01
+"""Of the logarithm of the apparent height, from pass to pass: another step of the gait, head up or down."""
 _UNKNOWN = 1e4
 """Variance of what nothing is known of."""
 _LEAST = 1e-10
@@ -40,7 +49,8 @@ class Carried:
 
     t_s: float
     mean: Vector
-    """(9,): position ENU (m), velocity (m/s), log size (m), heading bias, tilt bias (rad)."""
+    """(9,): position ENU (m, relative to the reports of this time), velocity (m/s), log size (m), heading bias, tilt
+    bias (rad)."""
     covariance: Matrix
     """(9, 9)."""
 
@@ -61,6 +71,7 @@ class Carried:
             grown[axis, axis + 3] = grown[axis + 3, axis] = psd_m2_s3 * dt**2 / 2.0
             grown[axis + 3, axis + 3] = psd_m2_s3 * dt
         grown[:3, :3] += walk_m_per_sqrt_s**2 * dt * np.eye(3)
+        grown[SIZE, SIZE] = POSTURE_SIGMA**2 if dt > 0.0 else 0.0
         return Carried(t_s, move @ self.mean, move @ self.covariance @ move.T + grown)
 
 
@@ -98,6 +109,20 @@ def carry_on(flight: FlightSightings, carried: Carried | None = None) -> tuple[E
         ) from None
 
 
+def _open_world(mean: Vector, about_m: Vector, noise: NoiseModel) -> Matrix:
+    """What a path that may be stretched or turned as a whole does to what is carried (see `in_open_world`), (9, 9)."""
+    arms = np.concatenate((mean[:3] - about_m, mean[3:6])).reshape(2, 3)
+    stretch = np.zeros(BORDER)
+    stretch[:6], stretch[SIZE] = arms.ravel(), 1.0  # what is farther away and looks the same is larger
+    covariance = noise.position_scale_sigma**2 * np.outer(stretch, stretch)
+    turns = (noise.world_tilt_sigma_rad, noise.world_tilt_sigma_rad, noise.world_heading_sigma_rad)
+    for axis, sigma in zip(np.eye(3), turns, strict=True):
+        turned = np.zeros(BORDER)
+        turned[:6] = np.cross(axis, arms).ravel()
+        covariance += sigma**2 * np.outer(turned, turned)
+    return covariance
+
+
 def _units(flight: FlightSightings) -> Vector:
     """What one unit of each border element is, (9,)."""
     noise: NoiseModel = flight.noise
@@ -120,20 +145,26 @@ def _as_prior(known: Carried, reference_m: Vector, units: Vector) -> BorderPrior
 
 
 def _left(flight: FlightSightings, model: JointModel, minimum: Minimum) -> Carried:
-    """What the minimum says at the last sighting."""
-    units, border = _units(flight), minimum.at.state.border
-    start = minimum.factored.border_covariance() * np.outer(units, units)
-    span = float(model.seen.t_s[-1])
-    move = np.eye(BORDER)
-    move[:3, 3:6] = span * np.eye(3)
-    mean, covariance = move @ (border * units), move @ start @ move.T
+    """What the minimum says at the last sighting, the position relative to the reports there."""
+    state, span = minimum.at.state, float(model.seen.t_s[-1])
+    shared = np.eye(BORDER)  # by the border
+    shared[:3, 3:6] = span * np.eye(3)
+    shared *= _units(flight)
+    own = np.zeros((BORDER, model.block))  # by the last block of the chain
+    own[:3, WALK] = model.noise.position_walk_m_per_sqrt_s * np.eye(3)
     if model.manoeuvres:
-        moments = target_moments(model, minimum.at.state, minimum.factored)
-        mean[:6], covariance[:6, :6] = moments.mean[3:], moments.last_covariance
+        root = math.sqrt(model.prior.acceleration_psd_m2_s3)
+        own[[0, 3, 1, 4], model.deviation + np.arange(4)] = root
+    last = (model.count - 1) * model.block + np.arange(model.block)
+    block, cross = minimum.factored.chain_covariance(last)
+    mean = shared @ state.border + own @ state.chain[-1]
+    mixed = own @ cross @ shared.T
+    covariance = shared @ minimum.factored.border_covariance() @ shared.T + own @ block @ own.T + mixed + mixed.T
     if not model.any_size:
         covariance[SIZE, :] = covariance[:, SIZE] = 0.0
         covariance[SIZE, SIZE] = _UNKNOWN
     for place in (HEADING, TILT):
         covariance[place, place] = max(covariance[place, place], _LEAST)
+    covariance += _open_world(mean, first_camera(model, state), model.noise)
     mean[:3] += model.seen.reference_m
     return Carried(model.seen.start_s + span, mean, covariance)

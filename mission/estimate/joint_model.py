@@ -156,7 +156,8 @@ class JointModel:
 
     def targets(self, state: State) -> Matrix:
         """Target positions (n, 3) at the sightings."""
-        place = state.border[P] + np.outer(self.seen.t_s, state.border[V] * self.speed_sigma)
+        place: Matrix = self.seen.t_s[:, None] * (state.border[V] * self.speed_sigma)
+        place += state.border[P]
         if self.manoeuvres:
             place[:, :2] += self._psd_root * state.chain[:, self.deviation :: 2]
         return place
@@ -166,7 +167,8 @@ class JointModel:
         seen, noise, chain, border = self.seen, self.noise, state.chain, state.border
         angles = chain[:, WANDER] * self._wander + border[HEADING:] * self._bias
         cosine, sine = np.cos(angles), np.sin(angles)
-        d = self.targets(state) - seen.camera_m
+        d = self.targets(state)
+        d -= seen.camera_m
         d += noise.position_walk_m_per_sqrt_s * chain[:, WALK] + noise.position_sigma_m * chain[:, WHITE]
         # M = Rx(tilt) camera_from_world Rz(heading), so q = M d and dq/dd = M.
         m = self._turned(cosine, sine)
@@ -190,7 +192,9 @@ class JointModel:
         basis[:, :, 0] = by_place[:, :, 1] * d[:, :1] - by_place[:, :, 0] * d[:, 1:2]
         basis[:, :, 1] = k[:, :, 2] * q[:, 1:2] - k[:, :, 1] * q[:, 2:]
         basis[:, :, 2:] = by_place
-        own, shared = np.matmul(basis, self._own_mix), np.matmul(basis, self._shared_mix)
+        flat = basis.reshape(-1, 5)
+        own = (flat @ self._own_mix).reshape(self.count, 3, self.block)
+        shared = (flat @ self._shared_mix).reshape(self.count, 3, BORDER)
         shared[:, :, V] = by_place * self._speed_time
         shared[:, 2, SIZE] = -seen.size_scale
         if self.fills_size:
@@ -257,6 +261,13 @@ class JointModel:
         chain_gradient = by_chain[:, :, BORDER] + at.prior_pull
         border_gradient = by_border[:, BORDER] + self.carried.information @ (at.state.border - self.carried.mean)
         return factor(diagonal, below, coupling, border), -chain_gradient.reshape(-1), -border_gradient
+
+    def gradient(self, at: Linearised) -> tuple[Vector, Vector]:
+        """Half the gradient of the cost by chain (n * b,) and border (9,)."""
+        own = np.matmul(np.swapaxes(at.chain_jacobian, 1, 2), at.weighted[:, :, None])[:, :, 0]
+        shared = at.border_jacobian.reshape(-1, BORDER).T @ at.weighted.reshape(-1)
+        surprise = at.state.border - self.carried.mean
+        return (own + at.prior_pull).reshape(-1), shared + self.carried.information @ surprise
 
     def _border_prior(self) -> BorderPrior:
         """What is known of the border before the first sighting."""

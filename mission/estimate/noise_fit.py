@@ -36,6 +36,7 @@ from mission.estimate.noise_likelihood import (
     random_walk_intensity,
 )
 from mission.estimate.observations import observe, tamed_noise, tamed_prior
+from mission.estimate.white_equivalent import white_equivalent
 from mission.records import FlightSightings, NoiseModel, Sighting, Vector
 
 _PATTERN_RATE = 1.4 * 2.0 * math.pi
@@ -118,6 +119,17 @@ def no_better(fitted: NoiseModel, stated: NoiseModel) -> NoiseModel:
         heading_sigma_rad=max(fitted.heading_sigma_rad, stated.heading_sigma_rad),
         tilt_sigma_rad=max(fitted.tilt_sigma_rad, stated.tilt_sigma_rad),
     )
+
+
+def supported(flight: FlightSightings, *, steadied: bool) -> FlightSightings:
+    """The flight under the noise that it supports, ready to be estimated.
+
+    Args:
+        flight: the sightings with the stated noise.
+        steadied: whether the poses come from the background; the aircraft's own err smoothly (`white_equivalent.py`).
+    """
+    found = rescaled(flight, no_better(fit_noise(flight), flight.noise))
+    return found if steadied else white_equivalent(found)
 
 
 def rescaled(flight: FlightSightings, noise: NoiseModel) -> FlightSightings:

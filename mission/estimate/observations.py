@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -20,6 +21,8 @@ LARGEST = 1e6
 """Sigmas, correlation times and intensities beyond this mean "unknown" or "for ever"."""
 _FARTHEST_TANGENT = 1e3
 """A pixel this far off the axis, in tangents, is no measurement."""
+_NOISE_FIELDS = tuple(field.name for field in fields(NoiseModel))
+_PRIOR_FIELDS = tuple(field.name for field in fields(TargetPrior))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,13 +73,9 @@ def observe(flight: FlightSightings) -> Observations:
     Sightings of equal time are put in one order, whatever order they came in, so that the answer does not hang on it.
     """
     rows, taken = _in_order(flight.sightings)
-    numbers = np.array(
-        [(s.t_s, *s.position_enu_m, *s.world_from_camera_wxyz, *s.pixel) for s in taken], dtype=float
-    ).reshape(-1, 10)
     noise = flight.noise
-    heights = np.array([s.height_px or np.nan for s in taken], dtype=float)
-    pixel_sigma = np.array([noise.pixel_sigma_px if s.pixel_sigma_px is None else s.pixel_sigma_px for s in taken])
-    size_sigma = np.array([noise.size_sigma if s.size_sigma is None else s.size_sigma for s in taken])
+    table = np.array([_row(s, noise.pixel_sigma_px, noise.size_sigma) for s in taken], dtype=float).reshape(-1, 13)
+    numbers, heights, pixel_sigma, size_sigma = table[:, :10], table[:, 10], table[:, 11], table[:, 12]
     camera = flight.camera
     ideal, per_ideal = _undistorted(numbers[:, 8:10], camera)
     has_size = np.isfinite(heights)
@@ -102,12 +101,12 @@ def observe(flight: FlightSightings) -> Observations:
 
 def tamed_noise(noise: NoiseModel) -> NoiseModel:
     """The noise model with `LARGEST` as its largest number."""
-    return NoiseModel(**{field.name: min(getattr(noise, field.name), LARGEST) for field in fields(NoiseModel)})
+    return NoiseModel(**{name: min(getattr(noise, name), LARGEST) for name in _NOISE_FIELDS})
 
 
 def tamed_prior(prior: TargetPrior) -> TargetPrior:
     """The prior with `LARGEST` as its largest number."""
-    values = {field.name: getattr(prior, field.name) for field in fields(TargetPrior)}
+    values = {name: getattr(prior, name) for name in _PRIOR_FIELDS}
     return TargetPrior(**{name: min(value, LARGEST) for name, value in values.items() if value is not None})
 
 
@@ -118,6 +117,18 @@ def _in_order(sightings: tuple[Sighting, ...]) -> tuple[list[int], list[Sighting
         return list(range(len(times))), list(sightings)
     rows = sorted(range(len(times)), key=lambda i: _order(sightings[i]))
     return rows, [sightings[i] for i in rows]
+
+
+def _row(s: Sighting, pixel_sigma_px: float, size_sigma: float) -> tuple[float, ...]:
+    return (
+        s.t_s,
+        *s.position_enu_m,
+        *s.world_from_camera_wxyz,
+        *s.pixel,
+        s.height_px or math.nan,
+        pixel_sigma_px if s.pixel_sigma_px is None else s.pixel_sigma_px,
+        size_sigma if s.size_sigma is None else s.size_sigma,
+    )
 
 
 def _order(sighting: Sighting) -> tuple[float, ...]:

@@ -9,7 +9,7 @@ from mission.estimate.gauss_newton import Minimum
 from mission.estimate.joint_model import JointModel
 from mission.estimate.motion import compare_motions
 from mission.estimate.range_profile import profile_range
-from mission.estimate.target_covariance import TargetMoments, first_camera, target_moments
+from mission.estimate.target_covariance import TargetMoments, first_camera, in_open_world, target_moments
 from mission.records import Estimate, FirstPosition, FlightSightings, Vector
 
 LOPSIDED = 0.05
@@ -38,6 +38,7 @@ def to_estimate(flight: FlightSightings, model: JointModel, minimum: Minimum) ->
         relative = _relative_depth_sigma(moments, camera)
     if not relative < HOPELESS:
         raise _undetermined(f"its 1-sigma is {100.0 * relative:.0f} % of it")
+    moments = in_open_world(moments, camera, model.noise)
     notes = []
     if relative > POOR:
         notes.append(f"poor geometry: the depth's 1-sigma is {100.0 * relative:.0f} % of it; fly out and back")

@@ -50,6 +50,7 @@ def parse_header(record: Mapping[str, object]) -> FlightSightings:
         sightings=(),
         noise=_noise(_object(record, "noise") if "noise" in record else {}),
         prior=_prior(_object(record, "prior") if "prior" in record else {}),
+        continues=_text(record, "continues") if record.get("continues") is not None else None,
     )
 
 
@@ -59,10 +60,7 @@ def flight_id(record: Mapping[str, object]) -> str:
     Raises:
         FieldError: it is missing or not a text.
     """
-    value = _present(record, "id")
-    if not isinstance(value, str):
-        raise FieldError('"id" is not a text')
-    return value
+    return _text(record, "id")
 
 
 def parse_sighting(record: Mapping[str, object]) -> Sighting:
@@ -131,6 +129,13 @@ def _prior(record: Mapping[str, object]) -> TargetPrior:
     return TargetPrior(
         **{f.name: checks.get(f.name, _not_negative)(record, f.name) for f in fields(TargetPrior) if f.name in record}
     )
+
+
+def _text(record: Mapping[str, object], name: str) -> str:
+    value = _present(record, name)
+    if not isinstance(value, str):
+        raise FieldError(f'"{name}" is not a text')
+    return value
 
 
 def _present(record: Mapping[str, object], name: str, *, nullable: bool = False) -> object:

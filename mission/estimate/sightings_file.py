@@ -127,11 +127,13 @@ def write_flight(path: Path, flight: FlightSightings, *, append: bool = False) -
 
 def flight_lines(flight: FlightSightings) -> Iterator[str]:
     """The header line and the sighting lines of a flight, without line ends."""
+    continues = {} if flight.continues is None else {"continues": flight.continues}
     yield _json(
         {
             "format": FORMAT,
             "version": VERSION,
             "id": flight.id,
+            **continues,
             "origin": asdict(flight.origin),
             "camera": asdict(flight.camera),
             "noise": asdict(flight.noise),

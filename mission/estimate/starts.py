@@ -30,6 +30,8 @@ _LARGEST_RATIO = 1.5
 """Natural logarithm of how far a height may be from the middle one in a start."""
 _MOST = 3
 """Local minima that are looked at."""
+_NEIGHBOURS = 4
+"""On either side, of the running median: wrong sightings in a row are told from right ones up to this many."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +44,8 @@ class Start:
     cost: float
     misfit: Vector
     """(n,), squared, of each sighting's place in the picture, in units of everything that may turn or shift it."""
+    miss: Matrix
+    """(2, n), of each sighting's place in the picture, tangents."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,23 +74,24 @@ def find_starts(seen: Observations, noise: NoiseModel, prior: TargetPrior) -> St
     if not travel > 1e-6:
         raise EstimateRefused("The camera did not move, so there is no parallax", "Fly a lateral pattern.")
     grid = _RangeProfile(seen, noise, prior, _RANGES * travel)
-    everything = np.ones(len(seen.t_s))
-    grid.solve(np.broadcast_to(everything, grid.misfit.shape))
-    starts, misfit = grid.minima(everything)
-    right = misfit < _GROSS**2
-    if right.all():
+    steady = np.ones(len(seen.t_s), dtype=bool)
+    starts = grid.fitted(steady)
+    jumps = grid.jumps(starts[0])
+    if jumps.any() and int((~jumps).sum()) >= 3:
+        steady = ~jumps
+        starts = grid.fitted(steady)
+    right = steady & (starts[0].misfit < _GROSS**2)
+    if (right == steady).all():
         return Starts(starts, right, grid.usual_size)
     for _ in range(_REWEIGHTINGS):
         # Geman & McClure's weights: far sightings lose their say.
-        grid.solve(1.0 / np.square(1.0 + grid.misfit / _ROBUST**2))
-    grid.cost = np.minimum(grid.misfit, _GROSS**2).sum(axis=1) + grid.others
-    _, misfit = grid.minima((grid.misfit[int(np.argmin(grid.cost))] < _GROSS**2).astype(float))
-    right = misfit < _GROSS**2
+        grid.solve(steady / np.square(1.0 + grid.misfit / _ROBUST**2))
+    grid.cost = np.minimum(grid.misfit, _GROSS**2)[:, steady].sum(axis=1) + grid.others
+    near = steady & (grid.misfit[int(np.argmin(grid.cost))] < _GROSS**2)
+    right = steady & (grid.minima(near.astype(float))[0].misfit < _GROSS**2)
     if int(right.sum()) < 3:
-        return Starts(starts, np.ones_like(right), grid.usual_size)
-    grid.solve(np.broadcast_to(right.astype(float), grid.misfit.shape))
-    starts, _ = grid.minima(right.astype(float))
-    return Starts(starts, right, grid.usual_size)
+        return Starts(starts, steady, grid.usual_size)
+    return Starts(grid.fitted(right), right, grid.usual_size)
 
 
 def meets_behind(seen: Observations, noise: NoiseModel, prior: TargetPrior) -> bool:
@@ -119,13 +124,18 @@ class _RangeProfile:
         self.across_right = np.matmul(np.swapaxes(across, 1, 2), offset[:, :, None])[:, :, 0]
         self.along, self.depth_offset = linear[:, 2], own[:, 2]
         self.along_gram = (self.along[:, :, None] * self.along[:, None, :]).reshape(count, 36)
-        focal2 = np.abs(np.linalg.det(seen.scale))  # square of pixels per tangent over the pixel sigma
+        scale = seen.scale
+        # Square of pixels per tangent over the pixel sigma.
+        focal2 = np.abs(scale[:, 0, 0] * scale[:, 1, 1] - scale[:, 0, 1] * scale[:, 1, 0])
         span = max(float(t[-1]), 1e-3)
         step = span / max(count - 1, 1)
-        turn2 = noise.heading_sigma_rad**2 * _shared(step, noise.heading_correlation_s, count)
-        turn2 += noise.tilt_sigma_rad**2 * _shared(step, noise.tilt_correlation_s, count)
+        self.noise, self.pixel2 = noise, 1.0 / focal2
+        self.heading2, self.tilt2 = noise.heading_sigma_rad**2, noise.tilt_sigma_rad**2
+        turn2 = self.heading2 * _shared(step, noise.heading_correlation_s, count)
+        turn2 += self.tilt2 * _shared(step, noise.tilt_correlation_s, count)
         self.place2 = noise.position_sigma_m**2 + noise.position_walk_m_per_sqrt_s**2 * span / 4.0
         self.angle2 = _shared(step, noise.pixel_correlation_s, count) / focal2 + turn2
+        self.size_target = 1.0 - seen.measured[:, 2]
         self.size_weight = seen.size_scale**2 / _shared(step, noise.size_correlation_s, count)
         # A height that is far from all others is a glitch.
         sized = seen.size_scale > 0.0
@@ -139,6 +149,7 @@ class _RangeProfile:
         self.depths: Matrix = np.maximum(ranges[:, None] + (own[0, 2] - own[:, 2]), 0.2 * ranges[:, None])
         self.unknowns: Matrix = np.zeros((len(ranges), 7))
         self.misfit: Matrix = np.zeros((len(ranges), count))
+        self.miss: tuple[Matrix, Matrix] = (self.misfit, self.misfit)
         self.others: Vector = np.zeros(len(ranges))
         self.cost: Vector = np.zeros(len(ranges))
 
@@ -153,6 +164,7 @@ class _RangeProfile:
         z = np.where(behind, 1.0, z)
         near = 1.0 / z
         miss_x, miss_y = seen.measured[:, 0] - q[:, 0] * near, seen.measured[:, 1] - q[:, 1] * near
+        self.miss = miss_x, miss_y
         angle2 = (miss_x * miss_x + miss_y * miss_y) / (self.angle2 + self.place2 * near * near)
         self.misfit = np.where(behind, 1e6, angle2)
         self.others = np.square(unknowns[:, 3:6]) @ self.speed_precision
@@ -162,8 +174,37 @@ class _RangeProfile:
         self.cost = (weights * self.misfit).sum(axis=1) + self.others
         return self.cost
 
-    def minima(self, weights: Vector) -> tuple[tuple[Start, ...], Vector]:
-        """The grid's local minima, best first, and the misfit (n,) of the best one.
+    def fitted(self, right: NDArray[np.bool_]) -> tuple[Start, ...]:
+        """The local minima, best first, of the sightings (n,) that are right."""
+        weights = right.astype(float)
+        self.solve(np.broadcast_to(weights, self.misfit.shape))
+        return self.minima(weights)
+
+    def jumps(self, start: Start) -> NDArray[np.bool_]:
+        """Which sightings are far from what their neighbours say, (n,): somebody else for a moment.
+
+        Where the attitude is restless a wrong sighting is within what it may wander over a flight, but it does not
+        wander that far and back from one frame to the next (the running median; Hampel's identifier).
+        """
+        count = start.miss.shape[1]
+        bend = start.miss[:, 1:-1] - 0.5 * (start.miss[:, :-2] + start.miss[:, 2:])
+        # Before and after a jump the line bends by half of it at least; where it nowhere does there is none.
+        if count <= 2 * _NEIGHBOURS or (bend * bend).sum(axis=0).max() < 0.5 * _GROSS**2 * self.pixel2.min():
+            return np.zeros(count, dtype=bool)
+        ends = np.arange(count).clip(_NEIGHBOURS, count - 1 - _NEIGHBOURS)
+        around = ends[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1)
+        off = start.miss - np.median(start.miss[:, around], axis=2)
+        t = self.seen.t_s
+        span = t[around[:, -1]] - t[around[:, 0]]
+        turn2 = self.heading2 * _drift(span, self.noise.heading_correlation_s)
+        turn2 += self.tilt2 * _drift(span, self.noise.tilt_correlation_s)
+        near = self.along @ np.concatenate((start.position_m, start.velocity_m_s)) - self.depth_offset
+        place2 = 2.0 * self.place2 / np.square(np.maximum(near, 1e-3))
+        jumped: NDArray[np.bool_] = np.square(off).sum(axis=0) > _GROSS**2 * (2.0 * self.pixel2 + turn2 + place2)
+        return jumped
+
+    def minima(self, weights: Vector) -> tuple[Start, ...]:
+        """The grid's local minima, best first.
 
         Each is solved again without its hypothesis, with weights (n,), and keeps the better of the two solutions.
         """
@@ -173,14 +214,19 @@ class _RangeProfile:
         free = copy(self)
         free.ranges, free.depths, free.unknowns = self.ranges[places], self.depths[places], self.unknowns[places]
         free.firmness = 0.0
-        free.solve(np.broadcast_to(weights, free.depths.shape), rounds=2)
+        free.solve(np.broadcast_to(weights, free.depths.shape), rounds=1)
         starts = []
         for i, k in enumerate(places):
             source, row = (free, i) if free.cost[i] < self.cost[k] else (self, int(k))
             found = source.unknowns[row]
-            starts.append(Start(found[:3], found[3:6], float(found[6]), float(source.cost[row]), source.misfit[row]))
+            cost, misfit, miss = (
+                float(source.cost[row]),
+                source.misfit[row],
+                np.stack([miss[row] for miss in source.miss]),
+            )
+            starts.append(Start(found[:3], found[3:6], float(found[6]), cost, misfit, miss))
         starts.sort(key=lambda start: start.cost)
-        return tuple(starts), starts[0].misfit
+        return tuple(starts)
 
     def _least_squares(self, weights: Matrix) -> None:
         angle = weights / (self.angle2 * self.depths * self.depths + self.place2)
@@ -194,7 +240,7 @@ class _RangeProfile:
             size = weights * self.size_weight
             relative = size * near
             gram += (relative * near) @ self.along_gram
-            wanted = 1.0 + self.depth_offset * near - np.log(self.depths) - self.seen.measured[:, 2]
+            wanted = self.size_target + self.depth_offset * near - np.log(self.depths)
             right[:, :6] += (relative * wanted) @ self.along
             right[:, 6] = -(size * wanted).sum(axis=1)
             normal[:, 6, :6] = normal[:, :6, 6] = -(relative @ self.along)
@@ -207,13 +253,22 @@ class _RangeProfile:
         axis = self.along[0, :3]
         normal[:, :3, :3] += firm[:, None, None] * (axis[:, None] * axis)
         right[:, :3] += (firm * (self.ranges + self.depth_offset[0]))[:, None] * axis
-        normal[:, _SPEEDS, _SPEEDS] += self.speed_precision
+        normal.reshape(-1, 49)[:, _SPEEDS] += self.speed_precision
         self.unknowns = np.asarray(np.linalg.solve(normal, right[:, :, None])[:, :, 0], dtype=np.float64)
         depths: Matrix = self.unknowns[:, :6] @ self.along.T - self.depth_offset
         self.depths = np.maximum(depths, 0.2 * self.ranges[:, None])
 
 
-_SPEEDS = np.arange(3, 6)
+_SPEEDS = slice(3 * 8, 6 * 8, 8)
+"""The velocity's diagonal in a flattened (7, 7)."""
+
+
+def _drift(span_s: Vector, correlation_s: float) -> Vector:
+    """Variance of what a Gauss-Markov process of unit variance changes by over a span, both ways."""
+    if correlation_s <= 0.0:
+        return np.full(len(span_s), 2.0)
+    drift: Vector = 2.0 * (1.0 - np.exp(-span_s / correlation_s))
+    return drift
 
 
 def _shared(step_s: float, correlation_s: float, count: int) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mission.estimate.arrow import Factored
 from mission.estimate.joint_model import WHITE, JointModel, P, State, V
-from mission.records import Matrix, Vector
+from mission.records import Matrix, NoiseModel, Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +61,27 @@ def target_moments(model: JointModel, state: State, factored: Factored) -> Targe
         mixed = wander @ (cross[:, :6] * unit) @ spread.T
         covariance = covariance + wander @ own @ wander.T + mixed + mixed.T
     return TargetMoments(mean, 0.5 * (covariance + covariance.T))
+
+
+def in_open_world(moments: TargetMoments, about_m: Vector, noise: NoiseModel) -> TargetMoments:
+    """The moments where the camera's whole path, with its attitudes, may be too large or turned.
+
+    Stretching or turning path and attitudes together about a place does the same to everything that is seen from it,
+    and no sighting tells. So each adds one rank of covariance to the target's place and velocity: sigma^2 u u' with u
+    the place relative to that point and the velocity for a stretch, an axis times these for a turn.
+
+    Args:
+        moments: in a world of the right size and direction.
+        about_m: (3,), where the path stays, relative to the model's reference.
+        noise: its `position_scale_sigma`, `world_heading_sigma_rad` and `world_tilt_sigma_rad`.
+    """
+    arms = (moments.mean - np.concatenate((about_m, about_m, np.zeros(3)))).reshape(3, 3)
+    covariance = moments.covariance + noise.position_scale_sigma**2 * np.outer(arms, arms)
+    turns = (noise.world_tilt_sigma_rad, noise.world_tilt_sigma_rad, noise.world_heading_sigma_rad)
+    for axis, sigma in zip(np.eye(3), turns, strict=True):
+        turned = np.cross(axis, arms)
+        covariance = covariance + sigma**2 * np.outer(turned, turned)
+    return TargetMoments(moments.mean, covariance)
 
 
 def first_camera(model: JointModel, state: State) -> Vector:

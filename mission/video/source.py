@@ -15,8 +15,10 @@ from av.packet import Packet
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
+from mission.drones.ardrone.url import is_ardrone
 from mission.errors import VideoError
 from mission.records import Frame, Image
+from mission.video.ardrone import open_ardrone_video
 from mission.video.ffmpeg import Input, explain, is_live, missing_file, open_input, shown
 from mission.video.stats import VideoState, VideoStats
 from mission.video.timeline import Arrivals, LiveTimeline, RecordedTimeline, Timeline
@@ -66,7 +68,8 @@ def open_video(
     """Open a stream or a file and wait for its first frame.
 
     Args:
-        url: anything FFmpeg reads (RTSP, UDP MPEG-TS, HTTP, MP4, ``session.sdp`` for RTP, ``folder/%04d.png``).
+        url: anything FFmpeg reads (RTSP, UDP MPEG-TS, HTTP, MP4, ``session.sdp`` for RTP, ``folder/%04d.png``), or
+            ``ardrone://HOST`` for that drone's own video.
         latency_s: from the middle of the exposure to the arrival, subtracted from live frames' times.
         clock: the program's clock, seconds.
         pace: files only: by their own times, or the next frame only when the last one was taken.
@@ -80,6 +83,8 @@ def open_video(
     Raises:
         VideoError: no frame came; the message says why and what to do.
     """
+    if is_ardrone(url):
+        return open_ardrone_video(url, latency_s=latency_s, clock=clock, open_timeout_s=open_timeout_s, stall_s=stall_s)
     if missing := missing_file(url):
         raise VideoError(f"The video's {missing} does not exist: {shown(url)}", "Check the path.")
     source = _StreamVideo(url, latency_s, clock, pace, start_s, options or {}, min(open_timeout_s, 5.0), stall_s)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -12,15 +12,19 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from sitl.accuracy import stone_soup
+from sitl.accuracy.ardrone_table import run_ardrone
+from sitl.accuracy.closed_loop import ClosedLoop, FlownRow, flight_name, fly_row
 from sitl.accuracy.figure import write_figure
+from sitl.accuracy.flown_log import FlownLog
 from sitl.accuracy.programme import METHODS, Figures, accuracy, solutions, write_csv
-from sitl.accuracy.rows import PATTERNS, ROWS, PatternName
+from sitl.accuracy.rows import PATTERNS, ROWS, PatternName, Row
 from sitl.accuracy.suite import SUITE_RUNS, suite, summary
 from sitl.accuracy.tables import accuracy_table, ellipse_table, suite_table, summary_line
 
 _NAMES: dict[str, PatternName] = {name: name for name in PATTERNS}
 _ROW_FLIGHTS = 200
 _SUITE_FLIGHTS = 1000
+_FILE_WIDTH = 132
 _PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -51,15 +55,53 @@ def register(app: typer.Typer) -> None:
         whole_suite: Annotated[
             bool, typer.Option("--suite", help="Measure instead what the default method is held to.")
         ] = False,
+        row: Annotated[
+            list[str] | None,
+            typer.Option(help="Only this row, MOTION:METRES as in parallel:9 (may be repeated).", show_default=False),
+        ] = None,
+        closed_loop: Annotated[
+            bool, typer.Option("--closed-loop", help="Fly the rows through camera and detector, in real time.")
+        ] = False,
+        repeats: Annotated[int, typer.Option(min=1, help="Flights a row with --closed-loop.")] = 3,
+        report: Annotated[
+            Path,
+            typer.Option(help="Folder of --closed-loop or --rendered, with flights.csv. Started again it goes on."),
+        ] = Path("reports/accuracy"),
+        noise: Annotated[
+            str, typer.Option(help="The autopilot of --closed-loop and --rendered: good or rough.")
+        ] = "good",
+        drone: Annotated[
+            str, typer.Option(help="ardrone: fly the paper's rows on the simulated AR.Drone 2.0, in real time.")
+        ] = "mavlink",
+        rendered: Annotated[
+            int | None,
+            typer.Option(
+                min=1,
+                help="Fly this many flights past rendered people, without real time, with and without steadying.",
+                show_default=False,
+            ),
+        ] = None,
+        scene: Annotated[str, typer.Option(help="Of --rendered: street, featureless, crowd or night.")] = "street",
     ) -> None:
         """Measure every method's depth error on simulated sightings, beside the paper's figures and the bound.
 
-        Exit status 0; with --suite 3 when a figure missed what it is held to.
+        Exit status 0; with --suite or --drone ardrone 3 when a figure missed what it is held to.
         """
-        console = Console(highlight=False)
+        console = _console()
         if pattern not in _NAMES:
             raise typer.BadParameter(f"{pattern!r} is none of {', '.join(_NAMES)}", param_hint="--pattern")
+        if drone == "ardrone":
+            run_ardrone(console, row or [], report / "ardrone", noise)
+            return
+        if drone != "mavlink":
+            raise typer.BadParameter(f"{drone!r} is neither mavlink nor ardrone", param_hint="--drone")
+        if rendered is not None:
+            from sitl.rendered.command import run_rendered  # Panda3D takes half a second to load
+
+            run_rendered(console, rendered, seed, noise, scene, report / "rendered")
+            return
         methods = _checked(method or [])
+        rows = _rows(row or [])
         if whole_suite:
             if output is not None or figure is not None:
                 raise typer.BadParameter("--output and --figure belong to the rows, not to --suite")
@@ -69,18 +111,24 @@ def register(app: typer.Typer) -> None:
         _check_writable(figure, "--figure", _PICTURES)
         if not stone_soup.installed():
             console.print(stone_soup.NOT_INSTALLED + ".")
+        if closed_loop:
+            setting = ClosedLoop(_NAMES[pattern], _preset(noise), seed)
+            found = _fly_closed_loop(console, setting, rows, repeats, report, methods)
+            title = f"{pattern}, closed loop, autopilot {noise}"
+            _show(console, found, title, title, output, figure)
+            return
         each = flights or _ROW_FLIGHTS
-        figures = _fly_rows(_NAMES[pattern], each, seed, methods, least_squares_flights)
-        title = f"{pattern}, noise of the detector"
-        console.print(accuracy_table(figures, title, "median"))
-        console.print(accuracy_table(figures, title, "95th percentile"))
-        console.print(ellipse_table(figures, title))
-        if output is not None:
-            write_csv(output, figures)
-        if figure is not None:
-            write_figure(figure, figures, f"{pattern} pattern, {each} simulated flights a row")
-        if "batch" in methods or not methods:
+        found = _fly_rows(_NAMES[pattern], each, seed, rows, methods, least_squares_flights)
+        picture_title = f"{pattern} pattern, {each} simulated flights a row"
+        _show(console, found, f"{pattern}, noise of the detector", picture_title, output, figure)
+        if not row and ("batch" in methods or not methods):
             console.print(summary_line(summary(5 * each, seed)), soft_wrap=True)
+
+
+def _console() -> Console:
+    """Wide enough for the tables where they go into a file."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=max(console.width, _FILE_WIDTH))
 
 
 def _checked(methods: list[str]) -> list[str]:
@@ -90,6 +138,38 @@ def _checked(methods: list[str]) -> list[str]:
         if name in ("EKF", "UKF") and not stone_soup.installed():
             raise typer.BadParameter(stone_soup.NOT_INSTALLED, param_hint="--method")
     return [name for name in METHODS if name in methods]
+
+
+def _rows(names: list[str]) -> tuple[Row, ...]:
+    known = {f"{row.motion}:{row.depth_m:g}": row for row in ROWS}
+    for name in names:
+        if name not in known:
+            raise typer.BadParameter(f"{name!r} is none of {', '.join(known)}", param_hint="--row")
+    return tuple(row for name, row in known.items() if name in names or not names)
+
+
+def _preset(noise: str) -> str:
+    if noise not in ("good", "rough"):
+        raise typer.BadParameter(f"{noise!r} is neither good nor rough", param_hint="--noise")
+    return noise
+
+
+def _show(
+    console: Console,
+    figures: list[Figures],
+    title: str,
+    picture_title: str,
+    output: Path | None,
+    picture: Path | None,
+) -> None:
+    """The tables, and the files that were asked for."""
+    console.print(accuracy_table(figures, title, "median"))
+    console.print(accuracy_table(figures, title, "95th percentile"))
+    console.print(ellipse_table(figures, title))
+    if output is not None:
+        write_csv(output, figures)
+    if picture is not None:
+        write_figure(picture, figures, picture_title)
 
 
 def _check_writable(path: Path | None, option: str, endings: tuple[str, ...]) -> None:
@@ -103,16 +183,52 @@ def _check_writable(path: Path | None, option: str, endings: tuple[str, ...]) ->
 
 
 def _fly_rows(
-    pattern: PatternName, flights: int, seed: int, methods: list[str], least_squares_flights: int
+    pattern: PatternName,
+    flights: int,
+    seed: int,
+    rows: Sequence[Row],
+    methods: list[str],
+    least_squares_flights: int,
 ) -> list[Figures]:
     figures: list[Figures] = []
-    with _progress(solutions(methods, len(ROWS), flights, least_squares_flights)) as (progress, tell):
+    with _progress(solutions(methods, len(rows), flights, least_squares_flights)) as (progress, tell):
         for found in accuracy(
-            pattern, flights, seed, methods=methods, least_squares_flights=least_squares_flights, tell=tell
+            pattern, flights, seed, rows=rows, methods=methods, least_squares_flights=least_squares_flights, tell=tell
         ):
             figures.append(found)
             progress.update(progress.task_ids[0], description=f"{found.row.motion}, {found.row.depth_m:g} m")
     return figures
+
+
+def _fly_closed_loop(
+    console: Console, setting: ClosedLoop, rows: Sequence[Row], repeats: int, report: Path, methods: list[str]
+) -> list[Figures]:
+    """Fly what the report's log does not hold yet, round after round over all rows, and pool what it holds then."""
+    try:
+        report.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise typer.BadParameter(f"{report} cannot be made: {error.strerror}", param_hint="--report") from error
+    log = FlownLog(report / "flights.csv", setting)
+    done = log.flown(rows)
+    wanted = [(row, number) for number in range(1, repeats + 1) for row in rows if (row, number) not in done]
+    if done:
+        console.print(f"{len(done)} flights of {report} are taken as they are; {len(wanted)} are missing")
+    with _progress(len(wanted)) as (progress, tell):
+        for row, number in wanted:
+            name = flight_name(row, number)
+            progress.update(progress.task_ids[0], description=name)
+            flown = fly_row(row, number, setting, report, methods=methods)
+            log.add(flown)
+            progress.console.print(f"{name}: {_brief(flown)}")
+            tell()
+    return list(log.figures(rows))
+
+
+def _brief(flown: FlownRow) -> str:
+    if flown.depth_m is None:
+        return f"no answer: {flown.error}"
+    errors = (f"{one.method} {one.error_percent:+.1f} %" for one in flown.outcomes if one.error_percent is not None)
+    return f"{flown.depth_m:.2f} m; " + ", ".join(errors)
 
 
 def _run_suite(console: Console, flights: int, seed: int) -> None:

@@ -113,6 +113,7 @@ def simulate(
     wrong_share: float = 0.0,
     sizes: Callable[[int], bool] = lambda _: True,
     told: NoiseModel | None = None,
+    step_psd_m2_s3: Vector | None = None,
     name: str = "simulated",
 ) -> SimulatedFlight:
     """One flight.
@@ -130,6 +131,7 @@ def simulate(
         wrong_share: share of sightings that are somebody else, 40 to 200 px off.
         sizes: whether the i-th sighting has a size.
         told: the noise model that the flight claims, when it is not the one that is made.
+        step_psd_m2_s3: white-noise acceleration of the target in each step (n - 1,), when it is not the prior's.
         name: the flight's id.
     """
     noise, prior = noise or NoiseModel(), prior or TargetPrior()
@@ -137,7 +139,8 @@ def simulate(
     heading = rng.uniform(-math.pi, math.pi) if heading_rad is None else heading_rad
     world_from_start = Rotation.from_euler("z", -heading)
     camera_m = np.asarray(start_enu_m) + world_from_start.apply(pattern.left_ahead_up_m * (-1.0, 1.0, 1.0))
-    velocity, wander = _velocity(walk, prior, t, rng)
+    steps_psd = np.full(n - 1, prior.acceleration_psd_m2_s3) if step_psd_m2_s3 is None else step_psd_m2_s3
+    velocity, wander = _velocity(walk, steps_psd, t, rng)
     target_start = np.array([walk.lateral_m, walk.depth_m, walk.above_camera_m])
     target_m = np.asarray(start_enu_m) + world_from_start.apply(target_start + wander)
 
@@ -224,18 +227,17 @@ def distorted(ideal: Vector, camera: CameraIntrinsics) -> Vector:
     return np.column_stack((camera.fx * xd + camera.cx, camera.fy * yd + camera.cy))
 
 
-def _velocity(walk: Walk, prior: TargetPrior, t_s: Vector, rng: np.random.Generator) -> tuple[Vector, Vector]:
+def _velocity(walk: Walk, step_psd: Vector, t_s: Vector, rng: np.random.Generator) -> tuple[Vector, Vector]:
     """Velocity (n, 3) and way (n, 3) since the start, with exact white-noise acceleration on the horizontal axes."""
     n = len(t_s)
     velocity = np.tile(np.asarray(walk.velocity_m_s), (n, 1))
     way = np.outer(t_s - t_s[0], walk.velocity_m_s)
-    psd = prior.acceleration_psd_m2_s3
-    if psd <= 0.0:
+    if not step_psd.any():
         return velocity, way
     speed_change, path = np.zeros(2), np.zeros(2)
     for i in range(1, n):
         dt = t_s[i] - t_s[i - 1]
-        first, second = rng.standard_normal((2, 2)) * math.sqrt(psd)
+        first, second = rng.standard_normal((2, 2)) * math.sqrt(step_psd[i - 1])
         path = path + dt * speed_change + math.sqrt(dt**3 / 3.0) * first
         # Joint covariance [[dt^3 / 3, dt^2 / 2], [dt^2 / 2, dt]] by its Cholesky factor.
         speed_change = speed_change + math.sqrt(0.75 * dt) * first + math.sqrt(0.25 * dt) * second

@@ -59,6 +59,17 @@ class Figures:
     """Share of final positions inside of their 95 % ellipse, for methods with a covariance."""
 
 
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What one method made of one flight."""
+
+    method: str
+    error_percent: float | None
+    """Depth error at the first sighting, signed; of the bound its 1-sigma. None where nothing was answered."""
+    inside: bool | None
+    """Whether the 95 % ellipse of the last position holds the truth; None without an ellipse."""
+
+
 def available_methods() -> tuple[str, ...]:
     """Names of the methods that can run here: all but those of a package that is not installed."""
     left_out = () if stone_soup.installed() else tuple(method.name for method in _STONE_SOUP)
@@ -93,7 +104,7 @@ def accuracy(
             share = _share(name, flights, least_squares_flights)
             if share > 0:
                 yield _figures(row, name, simulated[:share], tell)
-        yield _bound_figures(row, simulated)
+        yield figures_of(row, BOUND, [outcome(BOUND, sim) for sim in simulated])
 
 
 def solutions(methods: Sequence[str], rows: int, flights: int, least_squares_flights: int) -> int:
@@ -165,43 +176,38 @@ def _share(name: str, flights: int, least_squares_flights: int) -> int:
     return min(flights, least_squares_flights) if name == _LEAST_SQUARES.name else flights
 
 
-def _figures(row: Row, name: str, simulated: Sequence[SimulatedFlight], tell: Callable[[], None] | None) -> Figures:
-    errors: list[float] = []
-    inside: list[bool] = []
-    for sim in simulated:
-        try:
-            estimate = METHODS[name].estimate(sim.flight)
-        except EstimateRefused:
-            continue
-        finally:
-            if tell is not None:
-                tell()
-        errors.append(100.0 * abs(estimate.depth_m / sim.depth_m - 1.0))
-        squared = squared_miss(estimate, sim)
-        if squared is not None:
-            inside.append(squared < INSIDE_CHI2)
-    if not errors:
-        return Figures(row, name, math.nan, math.nan, 0, len(simulated), None)
-    return Figures(
-        row,
-        name,
-        float(np.median(errors)),
-        float(np.percentile(errors, 95)),
-        len(errors),
-        len(simulated),
-        100.0 * float(np.mean(inside)) if inside else None,
+def outcome(name: str, sim: SimulatedFlight) -> Outcome:
+    """What one method, or the bound, makes of one flight."""
+    try:
+        if name == BOUND:
+            return Outcome(name, 100.0 * depth_bound_m(sim) / sim.depth_m, None)
+        estimate = METHODS[name].estimate(sim.flight)
+    except EstimateRefused:
+        return Outcome(name, None, None)
+    squared = squared_miss(estimate, sim)
+    return Outcome(
+        name, 100.0 * (estimate.depth_m / sim.depth_m - 1.0), None if squared is None else squared < INSIDE_CHI2
     )
 
 
-def _bound_figures(row: Row, simulated: Sequence[SimulatedFlight]) -> Figures:
-    sigmas: list[float] = []
+def figures_of(row: Row, name: str, outcomes: Sequence[Outcome]) -> Figures:
+    """One method's figures of a row from what it made of each flight."""
+    errors = [abs(found.error_percent) for found in outcomes if found.error_percent is not None]
+    inside = [found.inside for found in outcomes if found.inside is not None]
+    if not errors:
+        return Figures(row, name, math.nan, math.nan, 0, len(outcomes), None)
+    middle, high = float(np.median(errors)), float(np.percentile(errors, 95))
+    if name == BOUND:
+        # Of a normal error the median of the absolute value is 0.6745 sigma, its 95th percentile 1.96.
+        middle, high = 0.6745 * middle, 1.96 * middle
+    share = 100.0 * float(np.mean(inside)) if inside else None
+    return Figures(row, name, middle, high, len(errors), len(outcomes), share)
+
+
+def _figures(row: Row, name: str, simulated: Sequence[SimulatedFlight], tell: Callable[[], None] | None) -> Figures:
+    outcomes = []
     for sim in simulated:
-        try:
-            sigmas.append(100.0 * depth_bound_m(sim) / sim.depth_m)
-        except EstimateRefused:
-            continue
-    if not sigmas:
-        return Figures(row, BOUND, math.nan, math.nan, 0, len(simulated), None)
-    # Of a normal error the median of the absolute value is 0.6745 sigma, its 95th percentile 1.96.
-    middle = float(np.median(sigmas))
-    return Figures(row, BOUND, 0.6745 * middle, 1.96 * middle, len(sigmas), len(simulated), None)
+        outcomes.append(outcome(name, sim))
+        if tell is not None:
+            tell()
+    return figures_of(row, name, outcomes)

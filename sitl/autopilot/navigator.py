@@ -47,6 +47,12 @@ class Navigator:
         t = self._trajectory
         return (t.position[0], t.position[1], t.position[2]), (t.velocity[0], t.velocity[1], t.velocity[2]), self._yaw
 
+    @property
+    def destination(self) -> Vec | None:
+        """Where it goes to by itself (a "fly here", a waypoint); None while it follows setpoints or just stays."""
+        following = self._commander.mode is Mode.OFFBOARD and self._commander.setpoint is not None
+        return None if following else self._goal
+
     def step(
         self, now: float, dt: float, state: EstimatedState, grounded: bool, hover_n: float
     ) -> tuple[Demand | None, float]:

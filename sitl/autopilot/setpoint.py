@@ -42,7 +42,7 @@ def local_setpoint(message: Any, flavour: Flavour, state: EstimatedState) -> Dem
     elif frame in _OFFSET_FRAMES:
         e, n, u = state.position
         position = (position[0] + e, position[1] + n, position[2] + u)
-    yaw = wrap(message.yaw + state.heading) if frame in _BODY_FRAMES and flavour.name == "ardupilot" else message.yaw
+    yaw = message.yaw + state.heading if frame in _BODY_FRAMES and flavour.name == "ardupilot" else message.yaw
     return _masked(flavour, mask, position, velocity, acceleration, yaw, message.yaw_rate)
 
 

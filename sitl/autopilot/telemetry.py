@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _NAN = math.nan
 _CELLS_V = (3.5, 4.2)
+_A_PLACE_ONLY = 0xFDF8
 
 
 def heartbeat(a: Autopilot) -> Any:
@@ -84,8 +85,15 @@ def position_target_local_ned(a: Autopilot) -> Any:
 
 
 def position_target_global_int(a: Autopilot) -> Any:
-    """POSITION_TARGET_GLOBAL_INT: what is followed now."""
+    """POSITION_TARGET_GLOBAL_INT: what is followed now; on ArduPilot the place it goes to (GCS_MAVLink_Copter.cpp)."""
     position, velocity, yaw = a.navigator.target
+    goal = a.navigator.destination
+    if a.flavour.name == "ardupilot":
+        lat, lon, alt = a.place.geodetic(position if goal is None else goal)
+        where = (round(lat * 1e7), round(lon * 1e7), alt)
+        return mavlink.MAVLink_position_target_global_int_message(
+            a.boot_ms, mavlink.MAV_FRAME_GLOBAL, _A_PLACE_ONLY, *where, *(0.0,) * 8
+        )
     lat, lon, alt = a.place.geodetic(position)
     where = (round(lat * 1e7), round(lon * 1e7), alt)
     return mavlink.MAVLink_position_target_global_int_message(
@@ -234,9 +242,16 @@ BUILDERS: Mapping[str, Mapping[int, Callable[[Autopilot], Any]]] = {
 
 
 def silent(a: Autopilot, message_id: int) -> bool:
-    """Whether a regular message has nothing to say now, as PX4's position target outside of flight."""
-    grounded = a.flavour.name == "px4" and (not a.commander.armed or a.commander.mode is Mode.LAND)
-    return message_id == mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT and grounded
+    """Whether a regular message has nothing to say now.
+
+    PX4 has no position target outside of flight. ArduPilot has one only while it goes to a place by itself: in GUIDED
+    not while it follows positions with velocities (ModeGuided::get_wp).
+    """
+    if message_id != mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT:
+        return False
+    if a.flavour.name == "px4":
+        return not a.commander.armed or a.commander.mode is Mode.LAND
+    return not a.commander.armed or a.navigator.destination is None
 
 
 def _volts(a: Autopilot) -> float:

@@ -12,7 +12,7 @@ import signal
 import time
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Literal
+from typing import Literal, Protocol
 
 import cv2
 
@@ -47,6 +47,21 @@ class CameraStats:
     """Of one core, since the first frame."""
     delay_s: float
     """Mean time from capture to the end of encoding (without the extra latency)."""
+
+
+class PictureSender(Protocol):
+    """Where the pictures go."""
+
+    muted: bool
+    """While set, nothing is sent (a cut link)."""
+
+    def send(self, picture: Image, capture_s: float) -> None:
+        """Encode and send a picture taken `capture_s` after the camera's start."""
+        ...
+
+    def close(self) -> None:
+        """Close the stream."""
+        ...
 
 
 class CameraProcess:
@@ -153,7 +168,7 @@ def _camera_main(scenario: Scenario, truth_name: str, video_url: str, pipe: Conn
     cv2.setNumThreads(1)
     try:
         ring = TruthRing.attach(truth_name)
-        camera = _Camera(scenario, ring, video_url, pipe)
+        camera = CameraLoop(scenario, ring, VideoSender(video_url, scenario.camera), pipe)
     except (VideoError, OSError, ValueError) as error:
         pipe.send(error if isinstance(error, VideoError) else VideoError(f"the simulated camera cannot start: {error}"))
         return
@@ -164,16 +179,16 @@ def _camera_main(scenario: Scenario, truth_name: str, video_url: str, pipe: Conn
         ring.close()
 
 
-class _Camera:
-    """The loop of the camera's process."""
+class CameraLoop:
+    """The loop of a camera's process; closes the sender at its end."""
 
-    def __init__(self, scenario: Scenario, ring: TruthRing, video_url: str, pipe: Connection) -> None:
+    def __init__(self, scenario: Scenario, ring: TruthRing, sender: PictureSender, pipe: Connection) -> None:
         self._scenario, self._ring, self._pipe = scenario, ring, pipe
         self._period_s = 1.0 / scenario.camera.fps
         self._half_s = 0.5 * (scenario.camera.exposure_ms + scenario.camera.readout_ms) / 1000.0
         self._airframe = CameraOnAirframe(scenario, ring)
         self._renderer = Renderer(scenario)
-        self._sender = VideoSender(video_url, scenario.camera)
+        self._sender = sender
         self._frozen = False
         self._last: Image | None = None
         self._frames = self._dropped = 0

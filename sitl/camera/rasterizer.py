@@ -129,8 +129,15 @@ class Rasterizer:
         return raw.reshape(self.height_px, self.width_px, 4)
 
     def close(self) -> None:
-        """Give the buffer back."""
-        self._engine.remove_window(self._buffer)
+        """Give the buffer and the textures back; nothing can be drawn afterwards."""
+        # Panda3D keeps a texture for as long as the pipe, which is the process's, unless it is told.
+        for path in self._paths:
+            texture = path.get_texture()
+            if texture is not None:
+                texture.release_all()
+                texture.clear_ram_image()
+            path.remove_node()
+        self._engine.remove_all_windows()
 
 
 def _open(width_px: int, height_px: int) -> tuple[GraphicsEngine, GraphicsOutput, Texture]:

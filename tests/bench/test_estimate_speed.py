@@ -8,10 +8,12 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from mission.estimate import Batch
 from mission.estimate.bound import bound
+from mission.estimate.fuse import carry_on
 from mission.estimate.noise_fit import fit_noise
 from mission.records import FlightSightings, TargetPrior
 from sitl.accuracy.flights import PAPER_CAMERA, SimulatedFlight, Walk, out_and_back, simulate
 from sitl.accuracy.least_squares import LeastSquaresProblem
+from sitl.accuracy.repeated import repeated_passes
 
 
 def flight_of(count: int, *, wrong_share: float = 0.0) -> SimulatedFlight:
@@ -43,6 +45,15 @@ def test_scipy_least_squares_on_the_same_residuals(benchmark: BenchmarkFixture) 
 def test_fit_noise(benchmark: BenchmarkFixture) -> None:
     flight: FlightSightings = flight_of(60).flight
     assert benchmark(fit_noise, flight).pixel_sigma_px > 0.0
+
+
+def test_a_second_pass_with_what_the_first_left(benchmark: BenchmarkFixture) -> None:
+    first, second = repeated_passes(
+        out_and_back(), (8.0,), Walk(9.0, (0.4, 0.2, 0.0)), np.random.default_rng(1), between_psd_m2_s3=0.02
+    )
+    _, carried = carry_on(first.flight)
+    estimate, _ = benchmark(carry_on, second.flight, carried)
+    assert estimate.depth_m == pytest.approx(second.depth_m, rel=0.15)
 
 
 def test_bound(benchmark: BenchmarkFixture) -> None:

@@ -1,9 +1,12 @@
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
+from gcs_plugin.cli.settings import settings_toml
 from mission.errors import SettingsError
-from mission.settings import MissionSettings, read_settings
+from mission.records import TargetPrior
+from mission.settings import MissionSettings, PriorSettings, read_settings
 
 
 def written(folder: Path, text: str) -> Path:
@@ -38,9 +41,21 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
         ("[pattern]\nlength_m = 300.0\n", "pattern.length_m"),
         ("[pattern]\nlenght_m = 3.0\n", "pattern.lenght_m"),
         ('[limits]\nmax_speed_m_s = "fast"\n', "limits.max_speed_m_s"),
+        ('[limits]\nmax_speed_m_s = "3"\n', "max_speed_m_s: a text stands where a number is wanted"),
+        ("[link]\nmin_battery = true\n", "min_battery: true or false stands"),
         ("[limits]\nmax_height_m = nan\n", "limits.max_height_m"),
         ("[video]\nlatency_s = inf\n", "video.latency_s"),
         ('[detect]\ndetector = "magic"\n', "detect.detector"),
+        ("[prior]\nground_above_take_off_m = 2000.0\nground_sigma_m = 1.0\n", "prior.ground_above_take_off_m"),
+        ("[prior]\nground_above_take_off_m = 1.0\nground_sigma_m = 0.0\n", "prior.ground_sigma_m"),
+        ("[prior]\nheight_m = 0.0\nheight_sigma_m = 0.1\n", "prior.height_m"),
+        ("[prior]\nheight_m = true\nheight_sigma_m = 0.1\n", "prior.height_m"),
+        ("[prior]\ncentre_above_ground_m = -0.1\n", "prior.centre_above_ground_m"),
+        ("[prior]\nground_above_take_off_m = 1.0\n", "ground_sigma_m is missing"),
+        ("[prior]\nground_sigma_m = 1.0\n", "ground_above_take_off_m is missing"),
+        ("[prior]\nheight_m = 1.8\n", "prior: height_m and height_sigma_m go together"),
+        ("[prior]\nheight_sigma_m = 0.1\n", "height_m is missing"),
+        ("[prior]\nheight_m = 1.8\nheight_sigma_m = 1.8\n", "leave both out"),
     ],
 )
 def test_a_wrong_value_is_named(tmp_path: Path, text: str, named: str) -> None:
@@ -70,3 +85,46 @@ def test_a_file_that_is_not_text_is_refused(tmp_path: Path) -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"none\.toml"):
         read_settings(tmp_path / "none.toml")
+
+
+def test_the_prior_s_defaults_are_the_format_s() -> None:
+    assert MissionSettings().prior.prior() == TargetPrior()
+    assert MissionSettings().prior.prior(12.0) == TargetPrior()
+
+
+def test_every_field_of_the_prior_can_be_set(tmp_path: Path) -> None:
+    text = """
+[prior]
+speed_sigma_m_s = 2.0
+vertical_speed_sigma_m_s = 0.2
+acceleration_psd_m2_s3 = 0.1
+ground_above_take_off_m = -3.0
+ground_sigma_m = 0.5
+centre_above_ground_m = 0.9
+height_m = 1.8
+height_sigma_m = 0.06
+"""
+    prior = read_settings(written(tmp_path, text)).prior.prior(take_off_up_m=-20.0)
+    assert prior == TargetPrior(2.0, 0.2, 0.1, -23.0, 0.5, 0.9, 1.8, 0.06)
+    plain = TargetPrior()
+    assert all(getattr(prior, field.name) != getattr(plain, field.name) for field in fields(TargetPrior))
+
+
+def test_a_ground_height_without_a_take_off_point_is_refused_not_ignored(tmp_path: Path) -> None:
+    settings = read_settings(written(tmp_path, "[prior]\nground_above_take_off_m = 0.0\nground_sigma_m = 0.3\n"))
+    with pytest.raises(SettingsError, match="before take-off"):
+        settings.prior.prior()
+    assert settings.prior.prior(-4.0).ground_up_m == -4.0
+
+
+def test_the_printed_settings_name_the_whole_prior_and_are_good_settings(tmp_path: Path) -> None:
+    lines = list(settings_toml(MissionSettings))
+    text = "\n".join(lines)
+    read = read_settings(written(tmp_path, text))
+    assert read.answer.folder == tmp_path / "flights"  # a folder that a file names is relative to it
+    assert read.model_copy(update={"answer": MissionSettings().answer}) == MissionSettings()
+    for name in PriorSettings.model_fields:
+        assert any(line.lstrip("# ").startswith(f"{name} =") for line in lines), name
+    (line,) = [line for line in lines if "ground_above_take_off_m =" in line]
+    assert "at least -1000" in line
+    assert "take-off point" in line

@@ -79,7 +79,7 @@ class NoVideo:
 def test_latency_adds_what_was_measured_to_the_camera_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "camera.toml"
     write_camera(path, Camera.from_field_of_view(640, 480, 1.2, latency_s=0.05))
-    monkeypatch.setattr(command, "MavlinkDrone", NoDrone)
+    monkeypatch.setattr(command, "make_drone", NoDrone)
     monkeypatch.setattr(command, "open_video", lambda *_, **__: NoVideo())
     monkeypatch.setattr(command, "measure_latency", lambda *_, **__: TimeOffset(0.1234, 0.004, 0.7, 1.3))
     arguments = ["latency", "--drone", "udp://:14540", "--video", "udp://:5600", "--camera", str(path)]

@@ -164,7 +164,7 @@ def test_a_silent_program_stops_the_vehicle_within_deadman_and_tick(vehicle: Fak
     silent_since = vehicle.now_s
     vehicle.program_alive = False
     vehicle.run(0.7)
-    assert vehicle.events("deadman")[0].t_s - silent_since == pytest.approx(0.5, abs=0.05)
+    assert 0.4 < vehicle.events("deadman")[0].t_s - silent_since < 0.5
     assert "stop" in vehicle.log
     assert not vehicle.streaming
     assert vehicle.state_of(order) is OrderState.ENDED

@@ -36,9 +36,23 @@ def test_the_first_pass_is_the_batch() -> None:
     estimate, carried = carry_on(flight)
     batch = Batch().estimate(flight)
     np.testing.assert_array_equal(estimate.position_enu_m, batch.position_enu_m)
-    assert np.abs(carried.mean[:3] - batch.position_enu_m).max() < 1e-9
+    # Position and velocity are the batch's, but relative to where the reports have walked to since the first sighting.
+    walked_m = flight.noise.position_walk_m_per_sqrt_s * np.sqrt(6.0)
+    assert 0.0 < np.abs(carried.mean[:3] - batch.position_enu_m).max() < 3.0 * walked_m
+    assert batch.velocity_enu_m_s is not None
     assert batch.covariance is not None
-    assert np.abs(carried.covariance[:6, :6] - batch.covariance).max() < 1e-9
+    np.testing.assert_allclose(carried.mean[3:6], batch.velocity_enu_m_s, atol=1e-9)
+    np.testing.assert_allclose(carried.covariance[3:6, 3:6], batch.covariance[3:, 3:], atol=1e-9)
+
+
+def test_without_a_walk_the_batch_is_carried_as_it_is() -> None:
+    _, (flight, *_) = passes(0)
+    flight = replace(flight, noise=replace(flight.noise, position_walk_m_per_sqrt_s=0.0))
+    _, carried = carry_on(flight)
+    batch = Batch().estimate(flight)
+    assert batch.covariance is not None
+    np.testing.assert_allclose(carried.mean[:3], batch.position_enu_m, atol=1e-9)
+    np.testing.assert_allclose(carried.covariance[:6, :6], batch.covariance, atol=1e-9)
 
 
 def test_repeated_passes_narrow_the_ellipse() -> None:

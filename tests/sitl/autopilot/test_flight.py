@@ -1,11 +1,12 @@
-"""Real MAVSDK and real pymavlink against the process, in real time: one flight for each autopilot."""
+"""Real MAVSDK and real pymavlink against the process, in real time: one flight for each autopilot, both at once."""
 
 from __future__ import annotations
 
 import asyncio
 import math
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from mavsdk.asyncio.mavsdk import Mavsdk
@@ -25,22 +26,6 @@ from sitl.autopilot.config import FlavourName
 from sitl.truth import TruthRing
 
 pytestmark = pytest.mark.flight
-
-
-@pytest.fixture
-def ring() -> Iterator[TruthRing]:
-    made = TruthRing.create(seconds=60.0, rate_hz=200.0)
-    yield made
-    made.close()
-    made.unlink()
-
-
-@pytest.fixture
-def autopilot(flavour: FlavourName, ring: TruthRing) -> Iterator[AutopilotProcess]:
-    hold = (("COM_OBL_RC_ACT", 5.0),) if flavour == "px4" else ()
-    started = start_autopilot(AutopilotConfig(flavour=flavour, ready_after_s=1.0, parameters=hold), ring.name)
-    yield started
-    started.stop()
 
 
 async def until(what: str, found: Callable[[], Awaitable[bool]], timeout_s: float = 15.0) -> None:
@@ -153,13 +138,26 @@ async def fly(flavour: FlavourName, autopilot: AutopilotProcess, ring: TruthRing
     assert height(ring) > 2.0
 
 
+def flown(flavour: FlavourName) -> list[float]:
+    """Fly one autopilot; the times of its true states."""
+    hold = (("COM_OBL_RC_ACT", 5.0),) if flavour == "px4" else ()
+    ring = TruthRing.create(seconds=60.0, rate_hz=200.0)
+    autopilot = start_autopilot(AutopilotConfig(flavour=flavour, ready_after_s=1.0, parameters=hold), ring.name)
+    try:
+        asyncio.run(fly(flavour, autopilot, ring))
+        return [truth.t_s for truth in ring.history()]
+    finally:
+        autopilot.stop()
+        ring.close()
+        ring.unlink()
+
+
 @pytest.mark.timeout(60)
-def test_mavsdk_flies_it_and_an_operator_takes_over(
-    flavour: FlavourName, autopilot: AutopilotProcess, ring: TruthRing
-) -> None:
-    asyncio.run(fly(flavour, autopilot, ring))
-    times = [truth.t_s for truth in ring.history()]
-    assert (len(times) - 1) / (times[-1] - times[0]) == pytest.approx(200.0, abs=5.0)
+def test_mavsdk_flies_both_and_an_operator_takes_over() -> None:
+    flavours: tuple[FlavourName, ...] = ("px4", "ardupilot")
+    with ThreadPoolExecutor(2) as pool:
+        for times in pool.map(flown, flavours):
+            assert (len(times) - 1) / (times[-1] - times[0]) == pytest.approx(200.0, abs=5.0)
 
 
 def test_it_serves_tcp_takes_faults_and_ends_with_its_parent() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -192,6 +193,24 @@ def test_fly_here_moves_the_aircraft_and_shows_in_the_global_target(bench: Bench
     assert bench.height() == pytest.approx(4.0, abs=0.4)
     assert bench.autopilot.commander.mode in (Mode.HOLD, Mode.OFFBOARD)
     assert bench.peer.of("POSITION_TARGET_GLOBAL_INT")
+
+
+def test_ardupilot_tells_its_target_only_while_it_goes_to_a_place_by_itself(ardupilot: Bench) -> None:
+    def stream(_: float) -> Any:
+        return setpoint(position_ned=(0.0, 0.0, -3.0), velocity_ned=(0.0, 0.0, 0.0), yaw=0.0)
+
+    ardupilot.hover()
+    ardupilot.peer.ask_rate(mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT, 50.0)
+    ardupilot.enter_offboard(stream)
+    ardupilot.peer.received.clear()
+    ardupilot.run(0.5, stream)
+    assert ardupilot.peer.of("POSITION_TARGET_GLOBAL_INT") == [], "ModeGuided::get_wp: not while it follows setpoints"
+    lat, lon, _ = ardupilot.autopilot.place.geodetic((0.0, 30.0, 0.0))
+    ardupilot.peer.command(192, -1, 1, 0, math.nan, lat, lon, ardupilot.autopilot.place.alt_amsl_m + 4.0)
+    ardupilot.run(0.1)
+    told = ardupilot.peer.of("POSITION_TARGET_GLOBAL_INT")[-1]
+    assert (told.lat_int, told.lon_int) == pytest.approx((lat * 1e7, lon * 1e7), abs=60), "single precision"
+    assert told.type_mask & 0x38 == 0x38, "a place, no velocity"
 
 
 def test_a_low_battery_is_a_failsafe_when_the_parameter_says_so(bench: Bench) -> None:

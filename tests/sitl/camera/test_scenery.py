@@ -31,8 +31,8 @@ def test_an_obstacle_stands_where_the_scenario_says() -> None:
     scenario = named_scenario("occlusion").model_copy(update={"scenery": False})
     wall = heights_above_ground(scenario, 0.05)
     middle = 0.5 * (wall.min(axis=0) + wall.max(axis=0))
-    assert abs(np.hypot(middle[0], middle[1]) - 4.6) < 0.05
-    assert abs(np.degrees(np.arctan2(middle[0], middle[1])) - 12.0) < 0.5
+    assert abs(np.hypot(middle[0], middle[1]) - 6.1) < 0.05
+    assert abs(np.degrees(np.arctan2(middle[0], middle[1])) - 38.0) < 0.5
     assert abs(wall[:, 2].max() - 2.3) < 1e-9
 
 

@@ -1,0 +1,6 @@
+"""Who may give orders over the link: allowed senders, signed frames, limited rates."""
+
+from gcs_plugin.authority.authority import Authority, Refusal
+from gcs_plugin.authority.signing import read_key
+
+__all__ = ["Authority", "Refusal", "read_key"]

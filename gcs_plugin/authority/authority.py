@@ -1,0 +1,115 @@
+"""Judges each order that comes over the link; whatever it does not allow is counted and never obeyed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final, Literal
+
+from gcs_plugin.authority.rate import TokenBucket
+from gcs_plugin.authority.signing import SignatureCheck
+from mission.settings import AuthoritySettings
+
+Message = Any
+"""A pymavlink message: its classes are generated and untyped."""
+
+Reason = Literal["stranger", "unsigned", "forged", "replayed", "old", "too-many"]
+FLIGHT_BURST: Final = 3.0
+_TEXTS: Final[dict[Reason, str]] = {
+    "stranger": "is not allowed to give orders",
+    "unsigned": "does not sign its orders",
+    "forged": "signs with another key",
+    "replayed": "sent an order a second time",
+    "old": "signs with an old time: check its clock",
+    "too-many": "sends too many commands",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why somebody is not obeyed."""
+
+    reason: Reason
+    text: str
+
+    @property
+    def answered(self) -> bool:
+        """Whether the sender is told: not for what may come from somebody else who bears its name."""
+        return self.reason in ("stranger", "unsigned", "forged")
+
+
+class Authority:
+    """Who may give orders, and how many.
+
+    Args:
+        settings: the allowed senders and rates.
+        key: of MAVLink 2 signing; None obeys unsigned orders, too.
+        utc: the present time.
+    """
+
+    def __init__(
+        self,
+        settings: AuthoritySettings,
+        key: bytes | None = None,
+        utc: Callable[[], datetime] = lambda: datetime.now(UTC),
+    ) -> None:
+        self._settings = settings
+        self._allowed = frozenset(settings.allowed)
+        self._signatures = None if key is None else SignatureCheck(key, utc)
+        self._strangers = self._bucket()
+        self._senders: dict[tuple[int, int], TokenBucket] = {}
+        self._flights = TokenBucket(settings.flights_per_minute / 60.0, FLIGHT_BURST)
+        self.counts: Counter[Reason] = Counter()
+        """Refused messages by reason."""
+
+    def _bucket(self) -> TokenBucket:
+        return TokenBucket(self._settings.commands_per_s, 2.0 * self._settings.commands_per_s)
+
+    def knows(self, message: Message) -> bool:
+        """Whether its sender's name is on the list."""
+        system, component = message.get_srcSystem(), message.get_srcComponent()
+        return str(system) in self._allowed or f"{system}/{component}" in self._allowed
+
+    def too_many(self, message: Message, now_s: float) -> bool:
+        """Whether this message is beyond its sender's rate, and is passed over; strangers share one rate.
+
+        Names are bounded: the list of allowed ones is.
+        """
+        bucket = self._strangers
+        if self.knows(message):
+            bucket = self._senders.setdefault((message.get_srcSystem(), message.get_srcComponent()), self._bucket())
+        if bucket.take(now_s):
+            return False
+        self.counts["too-many"] += 1
+        return True
+
+    def refusal(self, message: Message) -> Refusal | None:
+        """Why this order is not obeyed, or None. To be asked once for each message: a signature counts once."""
+        reason: Reason | None = None
+        if not self.knows(message):
+            reason = "stranger"
+        elif self._signatures is not None:
+            reason = self._signatures.fault(bytes(message.get_msgbuf()))
+        if reason is None:
+            return None
+        self.counts[reason] += 1
+        who = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
+        return Refusal(reason, f"{who} {_TEXTS[reason]}")
+
+    def hear(self, message: Message) -> None:
+        """Note the signature's timestamp of something that is no order: what is older than this is refused from now on.
+
+        Stations may count their timestamp on from their start, and the order may come much later.
+        """
+        if self._signatures is not None and self.knows(message):
+            self._signatures.fault(bytes(message.get_msgbuf()))
+
+    def may_fly_again(self, now_s: float) -> bool:
+        """Whether one more flight may start now; if so it is counted."""
+        return self._flights.take(now_s)
+
+    def signing_timestamp(self) -> int | None:
+        """For the next frame that we sign; None without a key."""
+        return None if self._signatures is None else self._signatures.timestamp()

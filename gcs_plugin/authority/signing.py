@@ -1,0 +1,104 @@
+"""MAVLink 2 message signing: the key file, the check of what comes, the timestamp of what goes.
+
+https://mavlink.io/en/guide/message_signing.html. pymavlink's own check is not used: it takes over the timestamp of a
+frame before it has compared the signature, so that one forged frame silences the true sender, and it remembers every
+sender that forged frames name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final, Literal
+
+from pymavlink.dialects.v20 import all as mavlink
+
+from mission.errors import SettingsError
+
+KEY_BYTES: Final = 32
+UNITS_PER_S: Final = 100_000
+"""Timestamps count 10 us."""
+EPOCH: Final = datetime(2015, 1, 1, tzinfo=UTC)
+NEW_STREAM_UNITS: Final = 60 * UNITS_PER_S
+"""How old the first frame of a sender may be."""
+MOST_STREAMS: Final = 256
+
+Fault = Literal["unsigned", "forged", "replayed", "old"]
+
+
+def read_key(path: Path) -> bytes:
+    """The key of a file: 32 bytes, or 64 hexadecimal digits, or a passphrase whose SHA-256 it is (as in MAVProxy).
+
+    Raises:
+        SettingsError: the file cannot be read or holds nothing.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise SettingsError(
+            f"cannot read the signing key {path}: {error.strerror}", "Give the path of a key file."
+        ) from error
+    if len(content) == KEY_BYTES:
+        return content
+    line = content.strip()
+    if not line:
+        raise SettingsError(f"the signing key {path} is empty", "Put 64 hexadecimal digits or a passphrase into it.")
+    try:
+        key = bytes.fromhex(line.decode("ascii"))
+    except ValueError:
+        key = b""
+    return key if len(key) == KEY_BYTES else hashlib.sha256(line).digest()
+
+
+def timestamp_of(utc: datetime) -> int:
+    """A time as a signature's timestamp."""
+    return int((utc - EPOCH).total_seconds() * UNITS_PER_S)
+
+
+class SignatureCheck:
+    """Whether frames are signed with the key, and later than what their sender signed before.
+
+    Args:
+        key: 32 bytes.
+        utc: the present time.
+    """
+
+    def __init__(self, key: bytes, utc: Callable[[], datetime]) -> None:
+        self._key = key
+        self._utc = utc
+        self._newest = 0
+        self._streams: dict[tuple[int, int, int], int] = {}
+
+    def fault(self, frame: bytes) -> Fault | None:
+        """What is wrong with a frame's signature; None when it is good, and the frame is used up then.
+
+        Args:
+            frame: a whole frame whose checksum is right.
+        """
+        signed = (
+            len(frame) > 12 + mavlink.MAVLINK_SIGNATURE_BLOCK_LEN
+            and frame[0] == mavlink.PROTOCOL_MARKER_V2
+            and frame[2] & mavlink.MAVLINK_IFLAG_SIGNED
+        )
+        if not signed:
+            return "unsigned"
+        expected = hashlib.sha256(self._key + frame[:-6]).digest()[:6]
+        if not hmac.compare_digest(expected, bytes(frame[-6:])):
+            return "forged"
+        stamp = int.from_bytes(frame[-12:-6], "little")
+        stream = (frame[-13], frame[5], frame[6])
+        known = self._streams.get(stream)
+        if known is not None and stamp <= known:
+            return "replayed"
+        if known is None and (stamp + NEW_STREAM_UNITS < self.timestamp() or len(self._streams) >= MOST_STREAMS):
+            return "old"
+        self._streams[stream] = stamp
+        self._newest = max(self._newest, stamp)
+        return None
+
+    def timestamp(self) -> int:
+        """For the next frame that we sign: the present time, or the newest good one that came if that is later."""
+        return max(timestamp_of(self._utc()), self._newest)

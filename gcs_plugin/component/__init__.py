@@ -1,0 +1,20 @@
+"""The MAVLink camera component that a ground station talks to."""
+
+from gcs_plugin.component.component import CameraComponent
+from gcs_plugin.component.identity import Identity
+from gcs_plugin.component.information import Picture
+from gcs_plugin.component.link import StationLink
+from gcs_plugin.component.orders import Follow, GiveBack, Locate, Mark, NextCandidate, Order
+
+__all__ = [
+    "CameraComponent",
+    "Follow",
+    "GiveBack",
+    "Identity",
+    "Locate",
+    "Mark",
+    "NextCandidate",
+    "Order",
+    "Picture",
+    "StationLink",
+]

@@ -1,0 +1,1 @@
+"""Waits for orders from ground stations and carries them out: one vehicle, or a fleet."""

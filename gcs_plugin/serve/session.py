@@ -1,0 +1,261 @@
+"""The loop that serves one connected vehicle: it steps the component and carries out one order after another.
+
+Everything happens in this one loop, whose silence the stations see; only what would make it wait (opening the video,
+looking for people, writing pictures) is done in other threads meanwhile.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final, Protocol, TypeVar
+
+from pymavlink.dialects.v20 import all as mavlink
+from rich.console import Console
+
+from gcs_plugin.answer import Times
+from gcs_plugin.component import CameraComponent, Follow, GiveBack, Locate, Mark, NextCandidate, Order
+from gcs_plugin.component.commands import CANCELLED
+from gcs_plugin.component.tracking import Seen
+from gcs_plugin.flight_folder import FlightFolder
+from gcs_plugin.geotags import Geotag, GeotagLog
+from gcs_plugin.locating import Equipment, Locating, open_camera
+from gcs_plugin.progress import Progress
+from gcs_plugin.publish import Link
+from gcs_plugin.push_back import WORDS, PushBack, What
+from gcs_plugin.serve.follow import Choose, Following, next_candidate
+from gcs_plugin.serve.report import Report
+from mission.camera import Camera
+from mission.detect import Detector, choose
+from mission.drones.drone import Drone
+from mission.errors import FlightEnded, FlightRefused, LinkError, SidestepError
+from mission.located import TargetChoice
+from mission.pointing import Pointing, TargetTracker
+from mission.settings import MissionSettings
+from mission.track import Tracker
+from mission.video import VideoSource
+
+_logger = logging.getLogger(__name__)
+Result = TypeVar("Result")
+
+IDLE_WAIT_S: Final = 0.1
+BUSY_WAIT_S: Final = 0.05
+FRESH_S: Final = 2.0
+"""A target that was tracked this recently is still the one that is meant."""
+
+
+class Ending(Protocol):
+    """The end of the program (`gcs_plugin.abort.Abort`)."""
+
+    in_flight: bool
+
+    def asked(self) -> bool:
+        """Whether the operator wants an end."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Crew:
+    """What outlives a connection."""
+
+    detector: Detector
+    log: GeotagLog
+    console: Console
+    times: Times
+    abort: Ending
+    tracker: Callable[[], TargetTracker] = Tracker
+    """Makes one for each order."""
+    open_camera: Callable[[MissionSettings, Callable[[str], None]], tuple[VideoSource, Camera]] = open_camera
+
+
+class Session:
+    """Serves a vehicle for as long as the connection lasts.
+
+    Args:
+        crew: what outlives it.
+        drone: connected.
+        link: the vehicle's, speaking as the component.
+        component: listening.
+    """
+
+    def __init__(self, crew: Crew, drone: Drone, link: Link, component: CameraComponent) -> None:
+        self._crew = crew
+        self._drone = drone
+        self._link = link
+        self._component = component
+        self._workers = ThreadPoolExecutor(max_workers=4, thread_name_prefix="sidestep-serve")
+        self._view: tuple[VideoSource, Camera] | None = None
+        self._target: Seen | None = None
+        self._geotag: Geotag | None = None
+        self._told = False
+
+    def run(self) -> None:
+        """Serve until the program is to end.
+
+        Raises:
+            LinkError: the connection's process is gone.
+        """
+        try:
+            while not self._crew.abort.asked():
+                order = self._component.attend(IDLE_WAIT_S)
+                self._look_after_the_link()
+                if order is not None:
+                    self._carry_out(order)
+                elif self._view is not None:
+                    self._close_video()
+        finally:
+            self._close_video()
+            self._workers.shutdown(wait=False, cancel_futures=True)
+
+    def _look_after_the_link(self) -> None:
+        self._drone.keep_alive()
+        for event in self._drone.events():
+            if event.kind == "pilot-process-lost":
+                raise LinkError(event.text, "Connecting again.")
+            if event.kind in ("link-lost", "link-back"):
+                self._say(f"{event.kind}: {event.text}")
+
+    def _carry_out(self, order: Order) -> None:
+        """Do it, and whatever comes of it be ready for the next one."""
+        result = mavlink.MAV_RESULT_FAILED
+        self._told = False
+        self._crew.abort.in_flight = True
+        try:
+            match order:
+                case Locate():
+                    self._locate(order)
+                case GiveBack():
+                    self._give_back(order)
+                case Follow() | NextCandidate():
+                    self._follow(order)
+            result = mavlink.MAV_RESULT_ACCEPTED
+        except SidestepError as error:
+            result = self._result_of(error)
+            self._say(str(error))
+            if not self._told:
+                self._component.say(error.cause)
+        except Exception:
+            # A fault of the program in one order must not take the others' answers away, nor the component.
+            _logger.exception("the order failed")
+            self._component.say("internal error, see the log")
+        finally:
+            self._crew.abort.in_flight = False
+            self._component.ended(result)
+
+    def _result_of(self, error: SidestepError) -> int:
+        if self._stopped():
+            return CANCELLED
+        refused = isinstance(error, FlightRefused)
+        return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED if refused else mavlink.MAV_RESULT_FAILED)
+
+    def _locate(self, order: Locate) -> None:
+        settings, crew = self._component.settings, self._crew
+        video, camera = self._open_video()
+        choice = self._choice(order.mark, camera)
+        with FlightFolder(settings.answer.folder, crew.times.utc()) as folder, Progress(crew.console) as progress:
+            progress.say(f"ordered to locate {choice}")
+            parts = Equipment(self._drone, self._link, video, camera, crew.detector, crew.tracker(), crew.log)
+            flight = Locating(parts, settings, choice, folder, progress, crew.times)
+            try:
+                self._told = settings.answer.statustext  # the answer itself tells of a flight without one
+                located = flight.run(self._stopped_in_flight, Report(self._component, flight.answer))
+                self._component.tracking(None)
+                self._meanwhile(partial(flight.answer.finish, located))
+                progress.say(f"done: {folder.path}")
+            finally:
+                self._geotag = flight.answer.geotag or self._geotag
+                flight.answer.close()
+
+    def _give_back(self, order: GiveBack) -> None:
+        """The last answer to the autopilot, as region of interest and waypoint."""
+        push_back = PushBack(self._drone, self._link, self._component.settings.answer)
+        wanted: list[tuple[What, bool]] = [("roi", order.roi), ("waypoint", order.waypoint)]
+        for what in (name for name, asked in wanted if asked):
+            said = self._meanwhile(partial(push_back.requested, what, self._geotag))
+            self._say(f"{WORDS[what]}: {said}")
+            self._component.say(f"{WORDS[what]} {said}")
+
+    def _follow(self, order: Follow | NextCandidate) -> None:
+        """Track in the picture until told to stop; nothing flies."""
+        settings = self._component.settings
+        video, camera = self._open_video()
+        tracker = self._crew.tracker()
+        pointing = Pointing(self._drone, camera, tracker, cautious=settings.video.check_offset)
+        following = Following(
+            video,
+            self._crew.detector,
+            tracker.start,
+            pointing,
+            self._stopped_in_flight,
+            self._meanwhile,
+            self._crew.times.clock,
+        )
+        following.run(self._chooser(order, camera), settings.detect.timeout_s, self._show)
+
+    def _chooser(self, order: Follow | NextCandidate, camera: Camera) -> Choose:
+        if isinstance(order, Follow):
+            lens = camera.intrinsics
+            marked = order.mark.choice(lens.width_px, lens.height_px)
+            size = (lens.width_px, lens.height_px)
+            return lambda people: choose(people, size, marked.box, marked.point)
+        before = None if self._target is None else self._target.track.box
+        return lambda people: next_candidate(people, before)
+
+    def _choice(self, mark: Mark | None, camera: Camera) -> TargetChoice:
+        """The marked person, else the tracked one, else whoever is nearest to the middle."""
+        if mark is not None:
+            return mark.choice(camera.intrinsics.width_px, camera.intrinsics.height_px)
+        target = self._target
+        if target is not None and not target.lost and self._crew.times.clock() - target.track.t_s < FRESH_S:
+            return TargetChoice(box=target.track.box)
+        return TargetChoice()
+
+    def _show(self, seen: Seen) -> None:
+        self._target = seen
+        self._component.tracking(seen)
+
+    def _stopped(self) -> bool:
+        return self._component.should_stop() or self._crew.abort.asked()
+
+    def _stopped_in_flight(self) -> bool:
+        """Called in every turn of the flight's loop, which thereby is the one that serves the stations."""
+        self._component.step()
+        return self._stopped()
+
+    def _open_video(self) -> tuple[VideoSource, Camera]:
+        if self._view is not None:
+            return self._view
+        opening = self._workers.submit(self._crew.open_camera, self._component.settings, self._say)
+        while not opening.done():
+            self._component.step(BUSY_WAIT_S)
+            self._drone.keep_alive()
+            if self._stopped():
+                opening.add_done_callback(_close_unused)
+                raise FlightEnded("aborted by the operator")
+        self._view = opening.result()
+        lens = self._view[1].intrinsics
+        self._component.picture = replace(self._component.picture, width_px=lens.width_px, height_px=lens.height_px)
+        return self._view
+
+    def _close_video(self) -> None:
+        if self._view is not None:
+            self._view[0].close()
+            self._view = None
+
+    def _meanwhile(self, work: Callable[[], Result]) -> Result:
+        """Do something long in another thread while the stations are served here."""
+        future = self._workers.submit(work)
+        while not future.done():
+            self._component.step(BUSY_WAIT_S)
+        return future.result()
+
+    def _say(self, text: str) -> None:
+        self._crew.console.print(text, markup=False, highlight=False)
+
+
+def _close_unused(opening: Future[tuple[VideoSource, Camera]]) -> None:
+    if opening.exception() is None:
+        opening.result()[0].close()

@@ -1,0 +1,140 @@
+"""One vehicle's service: finds the aircraft, serves it, finds it again when the connection was lost."""
+
+from __future__ import annotations
+
+import math
+import time
+from importlib.metadata import version
+from typing import Final
+
+from rich.console import Console
+
+from gcs_plugin.abort import Abort
+from gcs_plugin.answer import Times
+from gcs_plugin.authority import Authority, read_key
+from gcs_plugin.component import CameraComponent, Identity, Locate, Order, Picture, StationLink
+from gcs_plugin.geotags import GeotagLog
+from gcs_plugin.locating import known_camera
+from gcs_plugin.serve.session import Crew, Session
+from mission.camera import Camera
+from mission.detect import make_detector
+from mission.drones.drone import Telemetry
+from mission.drones.limits import FlightSettings
+from mission.drones.make import AnyDrone, make_drone, mavlink_of
+from mission.errors import LinkError, SettingsError
+from mission.settings import MissionSettings
+
+AGAIN_S: Final = 2.0
+"""Between attempts to reach the aircraft."""
+
+
+class VehicleService:
+    """Serves one vehicle until the end of the program.
+
+    Args:
+        settings: of the mission; stations may change some for as long as the program runs.
+        abort: tells when the program is to end.
+        console: for the person at the terminal.
+        times: program time and UTC.
+
+    Raises:
+        SettingsError: the key file cannot be read, or the camera file.
+        AnswerError: the log of geotags cannot be written.
+    """
+
+    def __init__(self, settings: MissionSettings, abort: Abort, console: Console, times: Times) -> None:
+        self._settings = settings
+        self._abort = abort
+        self._console = console
+        self._times = times
+        self._camera = known_camera(settings)
+        self._key = None if settings.authority.key_file is None else read_key(settings.authority.key_file)
+        self._authority = Authority(settings.authority, self._key, times.utc)
+        log = GeotagLog(settings.answer.folder / "geotags.gpkg")
+        log.prepare()
+        self._crew = Crew(make_detector(settings.detect.detector), log, console, times, abort)
+
+    def run(self) -> None:
+        """Connect and serve, again and again; returns when the program is to end."""
+        while not self._abort.asked():
+            settings = self._settings
+            drone = make_drone(
+                settings.link.url,
+                target_system=settings.link.system,
+                flight=FlightSettings(min_battery_fraction=settings.link.min_battery),
+                pilot_log=settings.answer.folder / "pilot.log",
+            )
+            try:
+                self._say(f"connecting to {settings.link.url}")
+                drone.connect(settings.link.connect_timeout_s)
+                self._serve(drone)
+            except LinkError as error:
+                self._say(str(error))
+                time.sleep(AGAIN_S)  # a signal ends it at once
+            finally:
+                drone.close()
+
+    def _serve(self, drone: AnyDrone) -> None:
+        """Be the camera component on the vehicle's link.
+
+        Raises:
+            LinkError: the connection's process is gone.
+            SettingsError: the aircraft has no MAVLink link.
+        """
+        link, number = mavlink_of(drone), self._settings.orders.component
+        if link is None:
+            raise SettingsError("this aircraft takes no orders over MAVLink", "Use `sidestep locate` with it.")
+        if self._key is not None:
+            link.sign_as(number, self._key, lambda: self._authority.signing_timestamp() or 0)
+        identity = Identity(
+            link.source_system,
+            number,
+            "c-cast" if drone.name.startswith("ardupilot") else "bytewise",
+            version("sidestep"),
+        )
+        station = StationLink(link, number)
+        component = CameraComponent(
+            station,
+            identity,
+            told_picture(self._camera, self._settings),
+            self._settings,
+            self._authority,
+            lambda order: refusal(order, drone.telemetry(), self._settings.link.min_battery),
+            self._times.clock,
+        )
+        with component:
+            self._say(f"serving {drone.name} as component {number}")
+            try:
+                Session(self._crew, drone, station, component).run()
+            finally:
+                self._settings = component.settings
+
+    def _say(self, text: str) -> None:
+        self._console.print(text, markup=False, highlight=False)
+
+
+def refusal(order: Order, telemetry: Telemetry, min_battery: float) -> str:
+    """Why the aircraft cannot carry out an order now, as far as telemetry tells; empty when it can.
+
+    Said before the order is accepted. The pilot process looks again, at more, before it takes control.
+    """
+    if not isinstance(order, Locate):
+        return ""
+    if not telemetry.connected:
+        return "the autopilot is not heard"
+    if not telemetry.armed or not telemetry.in_air:
+        return "the vehicle is not armed and airborne"
+    if not telemetry.position_ok:
+        return "the position is not healthy"
+    if not telemetry.heading_ok:
+        return "the heading is not healthy"
+    if telemetry.battery_fraction is not None and telemetry.battery_fraction < min_battery:
+        return f"the battery is at {100 * telemetry.battery_fraction:.0f} %"
+    return ""
+
+
+def told_picture(camera: Camera, settings: MissionSettings) -> Picture:
+    """The camera's video as stations are told of it."""
+    lens = camera.intrinsics
+    hfov_rad = 2.0 * math.atan(lens.width_px / (2.0 * lens.fx))
+    return Picture(lens.width_px, lens.height_px, hfov_rad, settings.orders.video_url or settings.video.url)

@@ -1,0 +1,156 @@
+"""The flights of `sidestep calibrate baseline`: the paper's pattern along a wall with markers, out and back, repeated.
+
+The wall's markers say where the camera really was; the aircraft's own poses say where it thinks that it was.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from mission.camera.baseline import IMAGES, INTERVAL_S, WallRun, travel_of
+from mission.camera.camera import Camera
+from mission.camera.wall import WallSight
+from mission.drones.drone import Bounds, Drone
+from mission.errors import FlightEnded, LinkError
+from mission.flight_loop import FlightLoop
+from mission.pattern import legs, paper_path
+from mission.pose import Pose, heading
+from mission.records import CameraIntrinsics, Frame, Image, Vector
+from mission.video import VideoSource
+
+ORDER_TIMEOUT_S = 15.0
+RETURN_M_S = 1.0
+_PEAK_SPEED = 1.875
+"""Of a minimum-jerk leg over its mean."""
+
+
+class Wall(Protocol):
+    """Tells where the camera was (`mission.camera.wall.MarkerWall`)."""
+
+    def look(self, image: Image, lens: CameraIntrinsics) -> WallSight | None:
+        """From one picture; None when it cannot be told."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WallFlight:
+    """One run: travel at each image, true and reckoned; (images,) m, NaN where it is not known."""
+
+    true_m: Vector
+    reckoned_m: Vector
+
+
+class WallFlights:
+    """Flies the runs.
+
+    Args:
+        drone: connected and in the air, looking straight at the wall.
+        video: its camera's pictures.
+        camera: their lens, calibrated.
+        wall: the markers.
+        aborted: answers True as soon as the operator wants an end.
+        clock: the program's clock, seconds.
+    """
+
+    def __init__(
+        self,
+        drone: Drone,
+        video: VideoSource,
+        camera: Camera,
+        wall: Wall,
+        aborted: Callable[[], bool],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._drone = drone
+        self._camera = camera
+        self._wall = wall
+        self._loop = FlightLoop(drone, video, aborted, clock)
+        self._clock = clock
+        self._far_m = 0.0
+
+    def run(self, runs: int, bounds: Bounds, left: bool, told: Callable[[int], None]) -> list[WallFlight]:
+        """Fly that many runs, each to the side and back.
+
+        Args:
+            runs: how many.
+            bounds: of the flight.
+            left: to which side.
+            told: called with each run's number when it begins.
+
+        Raises:
+            FlightRefused: the aircraft does not take an order.
+            FlightEnded: abort, pilot, or failsafe; or nothing is known of where it is.
+            CalibrationError: the wall was not seen at a run's start, or the flight was not along it.
+            LinkError, VideoError: the link or the video is gone.
+        """
+        try:
+            self._drone.begin(bounds)
+            self._loop.fly(self._drone.hover())
+            for _ in self._loop.until_done(ORDER_TIMEOUT_S):
+                pass
+            nose = heading(self._drone_pose().world_from_body_wxyz)
+            side = np.array([-math.cos(nose), math.sin(nose), 0.0]) * (1.0 if left else -1.0)
+            flights = []
+            for number in range(1, runs + 1):
+                told(number)
+                self._drone.aim(nose)
+                flights.append(self._out(side))
+                self._back(side)
+            return flights
+        finally:
+            self._loop.give_back()
+
+    def _out(self, side: Vector) -> WallFlight:
+        path = paper_path(side)
+        began = self._drone_pose().position_enu_m
+        order = self._drone.fly(path)
+        self._loop.fly(order)
+        times: list[float] = []
+        sights: list[WallSight] = []
+        for frame in self._loop.until_done(path.duration_s + ORDER_TIMEOUT_S):
+            sight = self._look(frame)
+            if sight is not None and (not times or frame.t_s > times[-1]):
+                times.append(frame.t_s)
+                sights.append(sight)
+        self._far_m = float(np.linalg.norm((self._drone_pose().position_enu_m - began)[:2]))
+        if order.started_s is None:
+            raise LinkError("the aircraft did not say when the pattern began", "Try again.")
+        true = travel_of(WallRun(order.started_s, np.array(times), tuple(sights)))
+        return WallFlight(true, self._reckoned(order.started_s))
+
+    def _look(self, frame: Frame) -> WallSight | None:
+        return self._wall.look(frame.image, self._camera.intrinsics)
+
+    def _reckoned(self, started_s: float) -> Vector:
+        places = []
+        for k in range(IMAGES):
+            pose = self._drone.pose_at(started_s + k * INTERVAL_S)
+            places.append(np.full(2, np.nan) if pose is None else pose.position_enu_m[:2])
+        moved: Vector = np.linalg.norm(np.array(places) - places[0], axis=1)
+        return moved
+
+    def _back(self, side: Vector) -> None:
+        duration = max(3.0, _PEAK_SPEED * self._far_m / RETURN_M_S)
+        path = legs(-side, [0.0, self._far_m], [duration])
+        self._loop.fly(self._drone.fly(path))
+        for _ in self._loop.until_done(path.duration_s + ORDER_TIMEOUT_S):
+            pass
+
+    def _drone_pose(self) -> Pose:
+        """The newest.
+
+        Raises:
+            FlightEnded: there is none.
+        """
+        now = self._clock()
+        for back_s in (0.05, 0.1, 0.2, 0.4):
+            pose = self._drone.pose_at(now - back_s)
+            if pose is not None:
+                return pose
+        raise FlightEnded("the aircraft does not tell where it is", "Check the link.")

@@ -1,0 +1,42 @@
+"""The aircraft behind an address: an AR.Drone for ``ardrone://``, a MAVLink vehicle for all others."""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+
+from mission.drones.ardrone.ardrone import ARDrone
+from mission.drones.ardrone.url import is_ardrone
+from mission.drones.limits import FlightSettings
+from mission.drones.link import MavlinkLink
+from mission.drones.mavlink import MavlinkDrone
+
+AnyDrone = MavlinkDrone | ARDrone
+"""Every aircraft that there is; all are `mission.drones.drone.Drone`."""
+
+
+def make_drone(
+    url: str, *, target_system: int = 0, flight: FlightSettings | None = None, pilot_log: FilePath | None = None
+) -> AnyDrone:
+    """An aircraft, not yet connected.
+
+    Args:
+        url: ``ardrone://HOST`` (`mission.drones.ardrone.url`) or a MAVLink address (`mission.drones.url`).
+        target_system: a MAVLink vehicle's system id; 0 takes the first that is heard.
+        flight: limits of the pilot process.
+        pilot_log: file for the pilot process's own log.
+
+    Raises:
+        SettingsError: the address is none.
+    """
+    if is_ardrone(url):
+        return ARDrone(url, flight=flight, pilot_log=pilot_log)
+    return MavlinkDrone(url, target_system=target_system, flight=flight, pilot_log=pilot_log)
+
+
+def mavlink_of(drone: AnyDrone) -> MavlinkLink | None:
+    """The program's MAVLink side of a connected aircraft; None for one that does not speak MAVLink.
+
+    Raises:
+        LinkError: not connected.
+    """
+    return drone.link if isinstance(drone, MavlinkDrone) else None

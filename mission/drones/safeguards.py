@@ -1,0 +1,180 @@
+"""What the autopilot guards by itself, from its parameters: its geofence, and what it does when setpoints stop.
+
+PX4: GF_ACTION, GF_MAX_HOR_DIST, GF_MAX_VER_DIST, COM_OBL_RC_ACT. ArduPilot: FENCE_*; when setpoints stop it hovers in
+GUIDED after GUID_TIMEOUT. Polygons and circles of a fence plan are not read: they are announced.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import all as mavlink
+
+from mission.drones.limits import Fence
+from mission.drones.link import MavlinkLink
+from mission.drones.modes import Autopilot
+from mission.drones.vehicle import VehicleState
+
+SAFEGUARD_MESSAGES = ("PARAM_VALUE", "HOME_POSITION")
+"""Messages that `Safeguards.take` reads."""
+
+_NAMES: dict[Autopilot, tuple[str, ...]] = {
+    "px4": ("COM_OBL_RC_ACT", "GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST"),
+    "ardupilot": (
+        *("FENCE_ENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX", "FENCE_ALT_MIN", "FENCE_TOTAL"),
+        "GUID_TIMEOUT",
+    ),
+}
+_ASK_AGAIN_S = 0.4
+_ATTEMPTS = 10
+_EARTH_M = 6.371e6
+_HOLD = 5
+_STOPS_THE_MOTORS = (6, 7)
+_WHEN_SETPOINTS_STOP = {
+    0: "changes to Position, and without a remote control lands",
+    1: "changes to Altitude, and without a remote control lands",
+    2: "changes to manual flight, and without a remote control lands",
+    3: "returns to its home",
+    4: "lands",
+    6: "terminates the flight",
+    7: "stops its motors",
+}
+_LONGEST_GUIDED_S = 5.0
+_FENCE_CEILING, _FENCE_CIRCLE, _FENCE_PLAN, _FENCE_FLOOR = 1, 2, 4, 8
+"""Bits of FENCE_TYPE."""
+_FENCE_TYPE_DEFAULT = 7.0
+
+
+class Safeguards:
+    """The autopilot's own limits and reactions, asked for until they are known or have stayed unanswered.
+
+    Args:
+        vehicle: what the autopilot reports.
+    """
+
+    def __init__(self, vehicle: VehicleState) -> None:
+        self._vehicle = vehicle
+        self._values: dict[str, float] = {}
+        self._home_deg: tuple[float, float] | None = None
+        self._attempts = 0
+        self._asked_s = -math.inf
+
+    @property
+    def known(self) -> bool:
+        """Whether every parameter was told, or asked for often enough."""
+        missing = self._missing()
+        return self._vehicle.autopilot in _NAMES and (not missing or self._attempts >= _ATTEMPTS)
+
+    def take(self, message: Any) -> None:
+        """Take in a PARAM_VALUE or HOME_POSITION of the autopilot; called in the link's thread."""
+        if message.get_srcSystem() != self._vehicle.system or message.get_srcComponent() != 1:
+            return
+        if message.get_type() == "HOME_POSITION":
+            if message.latitude or message.longitude:
+                self._home_deg = message.latitude * 1e-7, message.longitude * 1e-7
+            return
+        value = _number(message, self._vehicle.autopilot)
+        if value is not None and message.param_id in _NAMES.get(self._vehicle.autopilot, ()):
+            self._values[message.param_id] = value
+
+    def ask(self, link: MavlinkLink, now_s: float) -> None:
+        """Ask for what is not known yet; called at every tick, never waits."""
+        if self.known or now_s - self._asked_s < _ASK_AGAIN_S or not self._vehicle.connected(now_s):
+            return
+        self._asked_s, self._attempts = now_s, self._attempts + 1
+        for name in self._missing():
+            link.send(
+                mavlink.MAVLink_param_request_read_message(link.target_system, link.target_component, name.encode(), -1)
+            )
+
+    def fence(self) -> Fence | None:
+        """The geofence's cylinder around home in the local frame; None when there is none, or no place for it yet."""
+        vehicle, local = self._vehicle, self._vehicle.local
+        radius, low, high = self._cylinder()
+        if not (math.isfinite(radius) or math.isfinite(low) or math.isfinite(high)) or local is None:
+            return None
+        centre = local.position_ned_m[:2].copy()
+        if math.isfinite(radius):
+            if self._home_deg is None:
+                return None
+            lat, lon = self._home_deg
+            north = math.radians(lat - vehicle.lat_deg) * _EARTH_M
+            east = math.radians(lon - vehicle.lon_deg) * _EARTH_M * math.cos(math.radians(lat))
+            centre = centre + np.array([north, east])
+        return Fence(centre, radius, low, high)
+
+    def refusal(self, must_hold: bool) -> str | None:
+        """Why the autopilot's own reactions forbid a flight, or None.
+
+        Args:
+            must_hold: anything but holding still when the setpoints stop is a reason.
+        """
+        if not self.known:
+            return "the autopilot's geofence and failsafes are not known yet"
+        action = self._values.get("COM_OBL_RC_ACT")
+        if action in _STOPS_THE_MOTORS:
+            return (
+                f"PX4 {_WHEN_SETPOINTS_STOP[int(action)]} when setpoints stop (COM_OBL_RC_ACT is {action:.0f}, 5 holds)"
+            )
+        if must_hold and self._vehicle.autopilot == "px4" and action != _HOLD:
+            return f"PX4 does not hold when setpoints stop (COM_OBL_RC_ACT is {_shown(action)}, 5 holds)"
+        if math.isfinite(self._cylinder()[0]) and self._home_deg is None:
+            return "the centre of the geofence is not known: the autopilot tells no home position"
+        return None
+
+    def cautions(self) -> list[str]:
+        """What the operator should know before the flight, once `known`."""
+        values, notes = self._values, []
+        if self._vehicle.autopilot == "px4":
+            action = values.get("COM_OBL_RC_ACT")
+            if action is None:
+                notes.append("PX4 does not tell what it does when setpoints stop (COM_OBL_RC_ACT)")
+            elif action != _HOLD:
+                what = _WHEN_SETPOINTS_STOP.get(int(action), "does something unknown")
+                notes.append(f"should the pilot process die, PX4 {what} (COM_OBL_RC_ACT is {action:.0f}, 5 holds)")
+        elif values.get("GUID_TIMEOUT", 0.0) > _LONGEST_GUIDED_S:
+            notes.append(f"should the pilot process die, it flies on for {values['GUID_TIMEOUT']:.0f} s (GUID_TIMEOUT)")
+        if not {"GF_ACTION", "FENCE_ENABLE"} & values.keys():
+            notes.append("the autopilot does not tell its geofence: it is not checked before the flight")
+        if values.get("FENCE_ENABLE") and values.get("FENCE_TOTAL") and self._fence_type() & _FENCE_PLAN:
+            notes.append("the polygons and circles of the geofence are not checked before the flight")
+        return notes
+
+    def _cylinder(self) -> tuple[float, float, float]:
+        """Radius, lowest and highest height above home, infinite where there is no limit."""
+        values = self._values
+        if self._vehicle.autopilot == "px4":
+            if values.get("GF_ACTION", 0.0) == 0.0:
+                return math.inf, -math.inf, math.inf
+            radius, high = values.get("GF_MAX_HOR_DIST", 0.0), values.get("GF_MAX_VER_DIST", 0.0)
+            return radius if radius > 0.0 else math.inf, -math.inf, high if high > 0.0 else math.inf
+        if not values.get("FENCE_ENABLE"):
+            return math.inf, -math.inf, math.inf
+        kind = self._fence_type()
+        return (
+            values.get("FENCE_RADIUS", math.inf) if kind & _FENCE_CIRCLE else math.inf,
+            values.get("FENCE_ALT_MIN", -math.inf) if kind & _FENCE_FLOOR else -math.inf,
+            values.get("FENCE_ALT_MAX", math.inf) if kind & _FENCE_CEILING else math.inf,
+        )
+
+    def _fence_type(self) -> int:
+        return int(self._values.get("FENCE_TYPE", _FENCE_TYPE_DEFAULT))
+
+    def _missing(self) -> Iterable[str]:
+        return [name for name in _NAMES.get(self._vehicle.autopilot, ()) if name not in self._values]
+
+
+def _number(message: Any, autopilot: Autopilot) -> float | None:
+    """A PARAM_VALUE's number: PX4 puts an integer's bytes into the float, ArduPilot its value."""
+    value = float(message.param_value)
+    if autopilot == "px4" and message.param_type != mavlink.MAV_PARAM_TYPE_REAL32:
+        return float(struct.unpack("<i", struct.pack("<f", value))[0])
+    return value if math.isfinite(value) else None
+
+
+def _shown(value: float | None) -> str:
+    return "not told" if value is None else f"{value:.0f}"

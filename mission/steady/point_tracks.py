@@ -1,0 +1,191 @@
+"""Points of the picture followed from frame to frame: a corner to a cell, pyramidal Lucas-Kanade there and back.
+
+Corners are the points with the largest smaller eigenvalue of the gradient's covariance (Shi & Tomasi 1994); each cell
+of a grid without a point gets its best one, so that near ground and far houses both have some. A point is followed
+until the way back does not lead to where it came from (Kalal, Mikolajczyk & Matas 2010), or it enters a box that is
+left out. Everything is kept until the flight is over; what moves by itself is told apart afterwards.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.records import Box, CameraIntrinsics, Frame, Image, Matrix
+
+_WORK_WIDTH_PX = 320
+_CELL_PX = 30
+"""Side of a grid cell, work pixels."""
+_WINDOW = (15, 15)
+_LEVELS = 3
+_BACK_ERROR_PX = 0.4
+"""Work pixels between a point and where the way there and back ends."""
+_LEAST_EIGENVALUE = 4e-5
+"""Of a corner: contrast of about 1.5 grey levels a pixel in its weaker direction, above the video's noise."""
+_REFILL_EVERY = 3
+_EDGE_PX = 6
+_STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 0.01)
+_GROWN = 0.25
+"""By which a person's box is grown on each side, as a share of its width: arms, shadow at the feet, a loose box."""
+MAX_FRAMES = 1200
+"""Frames that are kept; a minute of video at 20 frames a second."""
+
+Points = NDArray[np.float32]
+"""(n, 2)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedFrame:
+    """One frame and the points that were found in it."""
+
+    t_s: float
+    """The frame's own time, as the video tells it."""
+    grey: Image
+    """(h, w), work size."""
+    track: NDArray[np.int32]
+    """(n,) which track each point belongs to, ascending."""
+    point: Points
+    """(n, 2) work pixels of the levelled picture, counted from the middle of the first one as OpenCV does."""
+    roll_rad: float
+    """By how much the picture was turned to level it."""
+    left_out: tuple[Box, ...]
+    """Where no points are wanted; picture pixels."""
+
+
+class PointTracker:
+    """Follows points through the frames of one sidestep.
+
+    Args:
+        intrinsics: of the frames.
+    """
+
+    def __init__(self, intrinsics: CameraIntrinsics) -> None:
+        self.scale = max(1, round(intrinsics.width_px / _WORK_WIDTH_PX))
+        """Picture pixels per work pixel."""
+        self._size = intrinsics.width_px // self.scale, intrinsics.height_px // self.scale
+        self.frames: list[TrackedFrame] = []
+        self._next = 0
+
+    def add(self, frame: Frame, left_out: Sequence[Box] = (), roll_rad: float = 0.0) -> None:
+        """Follow the points into the next frame.
+
+        The picture is levelled first: an aircraft banks by 10 degrees and more on its way, and a window that turns
+        moves the point by what its texture lies beside the middle, a pixel or so.
+
+        Args:
+            frame: BGR; frames that are not later than the last one, or beyond `MAX_FRAMES`, are passed over.
+            left_out: boxes around things that move.
+            roll_rad: of the camera about its optical axis, positive with the right side of the picture down.
+        """
+        if len(self.frames) >= MAX_FRAMES or (self.frames and frame.t_s <= self.frames[-1].t_s):
+            return
+        small = frame.image if self.scale == 1 else cv2.resize(frame.image, self._size, interpolation=cv2.INTER_AREA)
+        level = self._level(roll_rad)
+        tilted = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
+        grey: Image = np.asarray(
+            cv2.warpAffine(tilted, level, self._size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8
+        )
+        wanted = np.asarray(
+            cv2.warpAffine(self._wanted(left_out), level, self._size, flags=cv2.INTER_NEAREST), np.uint8
+        )
+        track, point = np.empty(0, dtype=np.int32), np.empty((0, 2), dtype=np.float32)
+        if self.frames:
+            last = self.frames[-1]
+            there, found = follow(last.grey, grey, last.point, last.point)
+            found &= _inside(there, wanted)
+            track, point = last.track[found], there[found]
+        if len(self.frames) % _REFILL_EVERY == 0 or len(point) < wanted.size // (8 * _CELL_PX**2):
+            fresh = _corners(grey, point, wanted)
+            track = np.concatenate([track, np.arange(self._next, self._next + len(fresh), dtype=np.int32)])
+            point = np.concatenate([point, fresh])
+            self._next += len(fresh)
+        self.frames.append(TrackedFrame(frame.t_s, grey, track, point, roll_rad, tuple(left_out)))
+
+    def pixels(self, frame: TrackedFrame, points: Points) -> Matrix:
+        """Picture pixels, (0, 0) = outer corner of the top left one, of work pixels (n, 2) of a frame."""
+        back = cv2.invertAffineTransform(self._level(frame.roll_rad))
+        return np.asarray((points @ back[:, :2].T + back[:, 2] + 0.5) * self.scale, dtype=np.float64)
+
+    def points(self, frame: TrackedFrame, pixels: Matrix) -> Points:
+        """The other way round."""
+        level = self._level(frame.roll_rad)
+        return np.asarray((pixels / self.scale - 0.5) @ level[:, :2].T + level[:, 2], dtype=np.float32)
+
+    def _level(self, roll_rad: float) -> Matrix:
+        """(2, 3): from the picture to the levelled one, work pixels."""
+        width, height = self._size
+        middle = (0.5 * (width - 1), 0.5 * (height - 1))
+        return np.asarray(cv2.getRotationMatrix2D(middle, -math.degrees(roll_rad), 1.0), dtype=np.float64)
+
+    def _wanted(self, left_out: Sequence[Box]) -> NDArray[np.uint8]:
+        """(h, w): 255 where points may be."""
+        width, height = self._size
+        mask = np.zeros((height, width), dtype=np.uint8)
+        mask[_EDGE_PX:-_EDGE_PX, _EDGE_PX:-_EDGE_PX] = 255
+        for box in left_out:
+            grown = _GROWN * box.width_px
+            left, right = ((x / self.scale) for x in (box.left_px - grown, box.right_px + grown))
+            top, bottom = ((y / self.scale) for y in (box.top_px - grown, box.bottom_px + grown))
+            across, down = np.clip([left, right], 0, width).astype(int), np.clip([top, bottom], 0, height).astype(int)
+            mask[down[0] : down[1], across[0] : across[1]] = 0
+        return mask
+
+
+def follow(before: Image, now: Image, start: Points, guess: Points) -> tuple[Points, NDArray[np.bool_]]:
+    """Where points of one picture are in another, and whether that is to be believed.
+
+    Args:
+        before: (h, w) picture in which the points are known.
+        now: (h, w) picture in which they are looked for.
+        start: (n, 2), the points in `before`.
+        guess: (n, 2), about where they are in `now`.
+
+    Returns:
+        (n, 2) points, (n,) True where the way back ends where it began.
+    """
+    if len(start) == 0:
+        return start.copy(), np.zeros(0, dtype=bool)
+    flags = cv2.OPTFLOW_USE_INITIAL_FLOW
+    began = np.ascontiguousarray(start, dtype=np.float32).reshape(-1, 1, 2)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(
+        before, now, began, np.ascontiguousarray(guess, dtype=np.float32).reshape(-1, 1, 2).copy(),
+        winSize=_WINDOW, maxLevel=_LEVELS, criteria=_STOP, flags=flags,
+    )  # fmt: skip
+    # Back from where most points moved, not from each one's own beginning, which would find itself.
+    blind = there - np.median(there - began, axis=0)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(
+        now, before, there, blind, winSize=_WINDOW, maxLevel=_LEVELS, criteria=_STOP, flags=flags
+    )
+    error = np.abs(back - began).reshape(-1, 2).max(axis=1)
+    good = (found.ravel() == 1) & (returned.ravel() == 1) & (error < _BACK_ERROR_PX)
+    return np.asarray(there.reshape(-1, 2), dtype=np.float32), good
+
+
+def _inside(points: Points, wanted: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    height, width = wanted.shape
+    column, row = np.rint(np.nan_to_num(points, nan=-1.0)).astype(int).T
+    inside: NDArray[np.bool_] = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+    inside[inside] = wanted[row[inside], column[inside]] > 0
+    return inside
+
+
+def _corners(grey: Image, taken: Points, wanted: NDArray[np.uint8]) -> Points:
+    """The best corner (n, 2) of each cell that has no point yet."""
+    strength = cv2.cornerMinEigenVal(grey, 5)
+    strength[wanted == 0] = 0.0
+    rows, columns = grey.shape[0] // _CELL_PX, grey.shape[1] // _CELL_PX
+    grid = strength[: rows * _CELL_PX, : columns * _CELL_PX].reshape(rows, _CELL_PX, columns, _CELL_PX)
+    cells = np.asarray(grid.transpose(0, 2, 1, 3).reshape(rows * columns, -1))
+    best = cells.argmax(axis=1)
+    good = cells[np.arange(len(cells)), best] > _LEAST_EIGENVALUE
+    across = np.clip((taken[:, 0] // _CELL_PX).astype(int), 0, columns - 1)
+    down = np.clip((taken[:, 1] // _CELL_PX).astype(int), 0, rows - 1)
+    good[down * columns + across] = False
+    cell = np.flatnonzero(good)
+    row, column = cell // columns * _CELL_PX + best[cell] // _CELL_PX, cell % columns * _CELL_PX + best[cell] % _CELL_PX
+    return np.stack([column, row], axis=1).astype(np.float32)

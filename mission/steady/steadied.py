@@ -1,0 +1,99 @@
+"""What steadying a sidestep gives: the camera's pose at every frame, how good it is, and what people want to see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.records import Matrix, NoiseModel, Vector
+from mission.steady.rotations import exponential
+
+PoseSource = Literal["attitude", "steadied"]
+"""attitude: as the aircraft reports it, at most corrected as its neighbours are; steadied: from the frame's points."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SteadiedPose:
+    """The camera at one frame."""
+
+    t_s: float
+    """The frame's time as the video tells it."""
+    position_enu_m: Vector
+    """(3,)."""
+    world_from_camera: Matrix
+    """(3, 3)."""
+    velocity_enu_m_s: Vector
+    """(3,)."""
+    turn_rate_rad_s: Vector
+    """(3,), camera axes."""
+    source: PoseSource
+    points: int
+    """Background points that it was fixed by."""
+
+    def at(self, delay_s: float) -> tuple[Vector, Matrix]:
+        """Position (3,) and world_from_camera (3, 3) a few milliseconds later, when a row was exposed."""
+        turned = self.world_from_camera @ exponential(self.turn_rate_rad_s[None] * delay_s)[0]
+        return self.position_enu_m + delay_s * self.velocity_enu_m_s, turned
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointTrails:
+    """Where the background's points were, for pictures."""
+
+    t_s: Vector
+    """(n,) frame's time as the video tells it."""
+    track: NDArray[np.intp]
+    """(n,)."""
+    pixel: Matrix
+    """(n, 2), (0, 0) = outer corner of the top left pixel."""
+    still: NDArray[np.bool_]
+    """(n,) whether the point belongs to the still background."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AttitudeCurves:
+    """The camera's attitude over the flight, reported and steadied; k frames."""
+
+    t_s: Vector
+    """(k,) as the video tells it."""
+    reported_rad: Matrix
+    """(k, 3): heading of the optical axis clockwise from north, its elevation, roll about it."""
+    steadied_rad: Matrix
+    """(k, 3), the same."""
+    points: NDArray[np.intp]
+    """(k,) background points that each frame was fixed by."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Steadied:
+    """The result; with `reason` set everything is as reported."""
+
+    poses: tuple[SteadiedPose, ...]
+    noise: NoiseModel
+    """What the poses' errors are now."""
+    curves: AttitudeCurves | None
+    trails: PointTrails | None
+    residual_px: float
+    """Root mean square residual of the background's points per axis."""
+    still_share: float
+    """Share of the points' sightings that agree with a world that stands still."""
+    reason: str | None = None
+    """Why the telemetry's attitude was used as it is; None where it was steadied."""
+
+    def note(self) -> str:
+        """For the flight's log, in one sentence."""
+        if self.reason is not None:
+            return f"Attitude as the aircraft reports it, not steadied by the background: {self.reason}"
+        frames = sum(pose.source == "steadied" for pose in self.poses)
+        return (
+            f"Attitude and path steadied by the background in {frames} of {len(self.poses)} frames "
+            f"({self.residual_px:.2f} px, {100.0 * self.still_share:.0f} % of the points stand still)"
+        )
+
+
+def not_steadied(noise: NoiseModel, reason: str, trails: PointTrails | None = None) -> Steadied:
+    """The answer where the pictures do not help."""
+    return Steadied((), noise, None, trails, float("nan"), 0.0, reason)

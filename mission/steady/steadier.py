@@ -1,0 +1,249 @@
+"""Steadies the camera's poses of one sidestep by the background: points in flight, bundle adjustment after it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError
+
+from mission.camera.camera import Camera
+from mission.camera.model import CameraModel
+from mission.pose import Pose
+from mission.records import Box, Frame, Matrix, NoiseModel
+from mission.steady.bundle import Bundle, Cameras, Rows, adjust
+from mission.steady.point_tracks import PointTracker
+from mission.steady.reports import ErrorLevels, Reports
+from mission.steady.resection import LEAST_POINTS, Resection, resect
+from mission.steady.similarity import Similarity, most_likely_similarity
+from mission.steady.steadied import (
+    AttitudeCurves,
+    PointTrails,
+    Steadied,
+    SteadiedPose,
+    not_steadied,
+)
+
+_KEY_FRAMES = 30
+_MOST_POINTS = 300
+_LEAST_ROWS = 3
+"""Key frames in which a point must have been seen."""
+_LEAST_FRAMES = 8
+_LEAST_SHARE = 0.8
+"""Of the key frames that must show enough points."""
+_LEAST_STILL = 0.4
+"""Share of the points that must agree with a world that stands still."""
+_POINT_SIGMA_PX = 0.05
+_START_PX = 20.0
+"""How far off points may be at first: a heading that wanders by two degrees."""
+_WORST_PX = 3.0
+_HEADING_CORRELATION_S = 2.0
+_MARGIN = 1.5
+"""Points also err together, in ways that their own residuals do not show: the path was found to be off by 1.5 times
+what they tell, the heading by what they tell."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solved:
+    bundle: Bundle
+    similarity: Similarity
+    resection: Resection
+
+
+class Steadier:
+    """One sidestep's background.
+
+    Args:
+        camera: lens, mounting and rolling shutter.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self._tracker = PointTracker(camera.intrinsics)
+        self._lens = CameraModel(camera.intrinsics)
+
+    def add(self, frame: Frame, left_out: Sequence[Box] = (), roll_rad: float = 0.0) -> None:
+        """Follow the background into the next frame; about 4 ms at 640 x 480.
+
+        Args:
+            frame: BGR picture.
+            left_out: boxes around people.
+            roll_rad: the camera's roll about its optical axis, to a few degrees.
+        """
+        self._tracker.add(frame, left_out, roll_rad)
+
+    def solve(self, pose_at: Callable[[float], Pose | None], offset_s: float, noise: NoiseModel) -> Steadied:
+        """The steadied poses of all frames.
+
+        Args:
+            pose_at: the aircraft's pose at a telemetry time.
+            offset_s: how much later than telemetry the video's clock runs.
+            noise: what the aircraft states of its pose's errors.
+        """
+        times = np.array([frame.t_s for frame in self._tracker.frames])
+        reports, known = Reports.collect(pose_at, self._camera, times - offset_s)
+        if len(known) < _LEAST_FRAMES:
+            return not_steadied(noise, "too few frames with telemetry")
+        keys = np.unique(np.linspace(0, len(known) - 1, min(len(known), _KEY_FRAMES)).round().astype(np.intp))
+        rows, tracks = self._rows(known[keys])
+        trails = self._trails(known[keys], tracks, None)
+        if len(rows.frame) == 0:
+            return not_steadied(noise, "no points of the background could be followed", trails)
+        shown = np.bincount(rows.frame, minlength=len(keys)) >= LEAST_POINTS
+        if shown.mean() < _LEAST_SHARE:
+            return not_steadied(
+                noise,
+                f"only {100.0 * shown.mean():.0f} % of the pictures show enough texture that can be followed",
+                trails,
+            )
+        try:
+            solved = self._solved(reports, keys, known, rows, tracks, noise)
+        except (LinAlgError, np.linalg.LinAlgError):
+            return not_steadied(noise, "the background's points do not determine the camera's path", trails)
+        refused = self._refused(solved)
+        if refused is not None:
+            return not_steadied(noise, refused, trails)
+        trails = self._trails(known[keys], tracks, solved.bundle)
+        return self._result(reports, times[known], solved, noise, trails)
+
+    def _solved(
+        self,
+        reports: Reports,
+        keys: NDArray[np.intp],
+        known: NDArray[np.intp],
+        rows: Rows,
+        tracks: NDArray[np.intp],
+        noise: NoiseModel,
+    ) -> _Solved:
+        focal = self._camera.intrinsics.fx
+        key_reports = reports.only(keys)
+        levels = ErrorLevels.stated(noise)
+        bundle = adjust(
+            key_reports.cameras, rows, key_reports.prior(levels), _POINT_SIGMA_PX / focal, _START_PX / focal
+        )
+        turn = bundle.cameras.rotation @ np.swapaxes(key_reports.cameras.rotation, 1, 2)
+        levels = key_reports.fitted(levels, bundle.cameras, turn)
+        similarity = most_likely_similarity(
+            bundle.cameras.position_m, key_reports.cameras.position_m, turn, key_reports.prior(levels)
+        )
+        bundle = bundle.moved(similarity)
+        turn = similarity.turn @ turn
+        place = bundle.cameras.position_m - key_reports.cameras.position_m
+        every, _ = self._rows(known, tracks)
+        every = every.only(every.point < len(bundle.still))
+        return _Solved(bundle, similarity, resect(reports.cameras, bundle, turn, place, every))
+
+    def _rows(self, frames: NDArray[np.intp], tracks: NDArray[np.intp] | None = None) -> tuple[Rows, NDArray[np.intp]]:
+        """Where points were seen in some frames, and the tracks that they are numbered by.
+
+        Args:
+            frames: which frames.
+            tracks: which tracks; those that were seen longest when not given.
+        """
+        taken = [self._tracker.frames[number] for number in frames]
+        frame = np.concatenate([np.full(len(f.track), place) for place, f in enumerate(taken)])
+        track = np.concatenate([f.track for f in taken])
+        pixel = np.concatenate([self._tracker.pixels(f, f.point) for f in taken])
+        if tracks is None:
+            seen = np.bincount(track)
+            good = np.flatnonzero(seen >= _LEAST_ROWS)
+            tracks = np.sort(good[np.argsort(-seen[good], kind="stable")][:_MOST_POINTS])
+        place = np.full(int(track.max(initial=0)) + 1, -1)
+        place[tracks] = np.arange(len(tracks))
+        ray = self._lens.ray(pixel)
+        kept = (place[track] >= 0) & np.isfinite(ray).all(axis=1) & (ray[:, 2] > 0.1)
+        ray, pixel = ray[kept], pixel[kept]
+        delay_s = (pixel[:, 1] / self._camera.intrinsics.height_px - 0.5) * self._camera.readout_s
+        return Rows(frame[kept].astype(np.intp), place[track[kept]], ray[:, :2] / ray[:, 2:], delay_s), tracks
+
+    def _refused(self, solved: _Solved) -> str | None:
+        """Why the result is not to be believed, or None."""
+        bundle = solved.bundle
+        if not np.isfinite(solved.resection.cameras.position_m).all():
+            return "the background's points do not determine the camera's path"
+        if bundle.still_share < _LEAST_STILL:
+            return f"only {100.0 * bundle.still_share:.0f} % of the points agree with a background that stands still"
+        residual_px = bundle.scale * self._camera.intrinsics.fx
+        if residual_px > _WORST_PX:
+            return f"the points do not fit together (off by {residual_px:.1f} px)"
+        if np.mean(solved.resection.points >= LEAST_POINTS) < _LEAST_SHARE:
+            return "too few pictures show enough of a background that stands still"
+        return None
+
+    def _trails(self, frames: NDArray[np.intp], tracks: NDArray[np.intp], bundle: Bundle | None) -> PointTrails:
+        still = np.full(len(tracks), bundle is None)
+        if bundle is not None:
+            still[: len(bundle.still)] = bundle.still
+        place = np.full(int(tracks.max(initial=0)) + 1, -1)
+        place[tracks] = np.arange(len(tracks))
+        t_s, track, pixel = [], [], []
+        for number in frames:
+            frame = self._tracker.frames[number]
+            kept = (frame.track < len(place)) & (place[np.minimum(frame.track, len(place) - 1)] >= 0)
+            t_s.append(np.full(int(kept.sum()), frame.t_s))
+            track.append(frame.track[kept])
+            pixel.append(self._tracker.pixels(frame, frame.point[kept]))
+        numbers = np.concatenate(track).astype(np.intp)
+        return PointTrails(np.concatenate(t_s), numbers, np.concatenate(pixel), still[place[numbers]])
+
+    def _result(
+        self,
+        reports: Reports,
+        times_s: NDArray[np.float64],
+        solved: _Solved,
+        noise: NoiseModel,
+        trails: PointTrails,
+    ) -> Steadied:
+        cameras, points = solved.resection.cameras, solved.resection.points
+        poses = tuple(
+            SteadiedPose(
+                float(times_s[i]),
+                cameras.position_m[i],
+                cameras.rotation[i],
+                cameras.velocity_m_s[i],
+                cameras.turn_rate[i],
+                "steadied" if points[i] >= LEAST_POINTS else "attitude",
+                int(points[i]),
+            )
+            for i in range(len(times_s))
+        )
+        curves = AttitudeCurves(times_s, angles(reports.cameras), angles(cameras), points)
+        residual_px = solved.bundle.scale * self._camera.intrinsics.fx
+        achieved = _noise(solved, noise)
+        return Steadied(poses, achieved, curves, trails, residual_px, solved.bundle.still_share)
+
+
+def angles(cameras: Cameras) -> Matrix:
+    """(k, 3): heading of the optical axis, its elevation, roll about it; radians, the heading without jumps."""
+    ahead, right, down = cameras.rotation[:, :, 2], cameras.rotation[:, :, 0], cameras.rotation[:, :, 1]
+    heading = np.unwrap(np.arctan2(ahead[:, 0], ahead[:, 1]))
+    elevation = np.arcsin(np.clip(ahead[:, 2], -1.0, 1.0))
+    return np.stack([heading, elevation, np.arctan2(-right[:, 2], -down[:, 2])], axis=1)
+
+
+def _noise(solved: _Solved, stated: NoiseModel) -> NoiseModel:
+    """The header's figures: what this flight achieved."""
+    own = np.einsum("ii->i", solved.bundle.covariance).reshape(-1, 6)
+    heading = math.sqrt(float(own[:, 2].mean()))
+    tilt = math.sqrt(float(0.5 * own[:, :2].sum(axis=1).mean()))
+    place = _MARGIN * math.sqrt(float(own[:, 3:].mean()))
+    span_s = float(solved.bundle.cameras.t_s[-1] - solved.bundle.cameras.t_s[0])
+    open_ = solved.similarity.covariance
+    return replace(
+        stated,
+        position_sigma_m=place,
+        position_walk_m_per_sqrt_s=place / math.sqrt(max(0.5 * span_s, 0.1)),
+        heading_sigma_rad=heading,
+        heading_correlation_s=_HEADING_CORRELATION_S,
+        tilt_sigma_rad=tilt,
+        tilt_correlation_s=_HEADING_CORRELATION_S,
+        # The pictures tie the attitude to the path: what is left is turned with it, all together.
+        heading_bias_sigma_rad=heading,
+        tilt_bias_sigma_rad=tilt,
+        position_scale_sigma=math.sqrt(float(open_[0, 0])),
+        world_heading_sigma_rad=math.sqrt(float(open_[3, 3])),
+        world_tilt_sigma_rad=math.sqrt(float(0.5 * (open_[1, 1] + open_[2, 2]))),
+    )

@@ -1,0 +1,164 @@
+"""The mission's own eyes on a rendered flight: detector, tracker, pointing, time offset, record; without the wire."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import cast
+
+from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
+from mission.detect import Detector, choose
+from mission.drones.drone import Drone
+from mission.errors import DetectionError
+from mission.flight_record import FlightRecord
+from mission.locate import SAME_PERSON, UNKNOWN_OFFSET_RAD
+from mission.pointing import Pointing, TargetTracker
+from mission.pose import Pose
+from mission.records import Detection, NoiseModel
+from mission.track import Track
+from sitl.camera.view import PersonView
+from sitl.rendered.flight import Moment, RenderedFlight
+
+_PICTURES = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Watched:
+    """What `Pointing` asks of a drone: where it was. It takes no orders."""
+
+    flight: RenderedFlight
+
+    def pose_at(self, t_s: float) -> Pose | None:
+        return self.flight.pose_at(t_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracked:
+    """A frame of the pattern: what the tracker made of it, and what is true."""
+
+    capture_s: float
+    track: Track
+    truth: PersonView | None
+
+
+@dataclass(slots=True)
+class Followed:
+    """What the mission has at the end of the pattern, and what the simulation knows of it."""
+
+    record: FlightRecord
+    offset: TimeOffset | None = None
+    """As measured on the turn; None where the turn did not tell."""
+    tracked: list[Tracked] = field(default_factory=list)
+    track_ms: float = 0.0
+    """Processor time per frame of the pattern, for the target."""
+    steady_ms: float = 0.0
+    """And for the background."""
+    render_ms: float = 0.0
+    """Processor time per frame that the simulation took."""
+
+    @property
+    def offset_s(self) -> float:
+        """How much later than telemetry the video's clock is taken to run."""
+        return 0.0 if self.offset is None else self.offset.offset_s
+
+    def pose_noise(self, stated: NoiseModel) -> NoiseModel:
+        """The noise of the pose at a frame's time, as `mission.locate` takes it: worse where the offset is unknown.
+
+        Args:
+            stated: of the aircraft.
+        """
+        if self.offset is not None:
+            return stated
+        return replace(
+            stated,
+            heading_sigma_rad=math.hypot(stated.heading_sigma_rad, UNKNOWN_OFFSET_RAD),
+            tilt_sigma_rad=math.hypot(stated.tilt_sigma_rad, UNKNOWN_OFFSET_RAD / 2.0),
+        )
+
+    @property
+    def share(self) -> float:
+        """Of the pattern's frames, those in which the target was tracked."""
+        return sum(one.track.state == "tracking" for one in self.tracked) / max(1, len(self.tracked))
+
+
+def follow(
+    flight: RenderedFlight,
+    detector: Detector,
+    tracker: TargetTracker,
+    look: Callable[[Moment], None] | None = None,
+) -> Followed:
+    """Find the person, measure the time offset on the turn, and follow them through the pattern as the mission does.
+
+    The operator's click decides who is meant.
+
+    Args:
+        flight: to be rendered.
+        detector: finds people.
+        tracker: not yet started.
+        look: is shown each moment of the pattern, outside of the times that are taken.
+
+    Raises:
+        DetectionError: nobody is found before the pattern begins, or not where the operator clicks.
+    """
+    record = FlightRecord(flight.case.name, flight.camera, interval_s=flight.duration_s / _PICTURES)
+    followed = Followed(record)
+    pointing = Pointing(cast(Drone, _Watched(flight)), flight.camera, tracker, cautious=True)
+    meter = TimeOffsetMeter(flight.camera)
+    search = _Search(detector, tracker)
+    mission_s, frames, began_s = 0.0, 0, time.process_time()
+    for moment in flight.moments():
+        frames += 1
+        frame = moment.frame
+        asked_s = time.process_time()
+        if moment.stage == "turn":
+            turn = meter.add(frame)
+            if search.found:
+                pointing.follow(frame, turn)
+            else:
+                search.look(moment)
+            mission_s += time.process_time() - asked_s
+            continue
+        if not search.found:
+            raise DetectionError("nobody was found before the pattern began")
+        if not followed.tracked:
+            followed.offset = meter.measure(flight.pose_at)
+            pointing.trust(followed.offset_s)
+            asked_s = time.process_time()
+        track = pointing.follow(frame)
+        record.add(frame, track, pointing.roll_rad)
+        spent_s = time.process_time() - asked_s
+        mission_s += spent_s
+        followed.track_ms += 1e3 * spent_s
+        followed.tracked.append(Tracked(moment.capture_s, track, moment.target))
+        if look is not None:
+            look(moment)
+        if track.state == "lost":
+            break
+    followed.track_ms /= max(1, len(followed.tracked))
+    followed.steady_ms /= max(1, len(followed.tracked))
+    followed.render_ms = 1e3 * (time.process_time() - began_s - mission_s) / max(1, frames)
+    return followed
+
+
+class _Search:
+    """Two looks running that show the same person, as `mission.locate` wants it."""
+
+    def __init__(self, detector: Detector, tracker: TargetTracker) -> None:
+        self._detector, self._tracker = detector, tracker
+        self._before: list[Detection] = []
+        self.found = False
+
+    def look(self, moment: Moment) -> None:
+        people = self._detector.detect(moment.frame.image)
+        steady = [d for d in people if any(d.box.overlap(other.box) > SAME_PERSON for other in self._before)]
+        self._before = people
+        if steady and moment.target is not None:
+            height, width = moment.frame.image.shape[:2]
+            try:
+                target = choose(steady, (width, height), point=moment.target.pixel)
+                self._tracker.start(moment.frame, target.box)
+            except DetectionError:
+                return  # not the one who is meant; the next look may show more
+            self.found = True

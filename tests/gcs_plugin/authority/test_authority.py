@@ -1,0 +1,225 @@
+"""Nobody flies who may not: strangers, unsigned, forged, replayed and old orders, and too many of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from gcs_plugin.authority import Authority, read_key
+from gcs_plugin.authority.rate import TokenBucket
+from gcs_plugin.authority.signing import SignatureCheck, timestamp_of
+from gcs_plugin.component import Locate
+from mission.errors import SettingsError
+from mission.settings import AuthoritySettings
+from tests.gcs_plugin.component.bench import Bench
+
+KEY = bytes(range(32))
+NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
+DENIED, IN_PROGRESS = 2, 5
+
+
+def order(
+    key: bytes | None = KEY,
+    *,
+    timestamp: int = timestamp_of(NOW),
+    source: tuple[int, int] = (255, 190),
+    link_id: int = 3,
+) -> bytes:
+    """MAV_CMD_USER_1 in its bytes, signed with a key."""
+    sender = mavlink.MAVLink(None, *source)
+    if key is not None:
+        sender.signing.secret_key, sender.signing.sign_outgoing = key, True
+        sender.signing.timestamp, sender.signing.link_id = timestamp, link_id
+    message = mavlink.MAVLink_command_long_message(1, 100, mavlink.MAV_CMD_USER_1, 0, *([0.0] * 7))
+    return bytes(message.pack(sender))
+
+
+def signed_bench() -> Bench:
+    return Bench(authority=Authority(AuthoritySettings(), KEY, lambda: NOW))
+
+
+def test_the_usual_ground_stations_may_order_by_default() -> None:
+    for system in (255, 250, 245):
+        bench = Bench()
+        bench.command(mavlink.MAV_CMD_USER_1, source=(system, 190))
+        assert bench.turn() == Locate()
+
+
+@pytest.mark.parametrize("source", [(1, 1), (1, 191), (2, 100), (77, 190)])
+def test_a_stranger_is_denied_counted_and_named(source: tuple[int, int]) -> None:
+    bench = Bench()
+    bench.command(mavlink.MAV_CMD_USER_1, source=source)
+    assert bench.turn() is None
+    assert bench.acks() == [(mavlink.MAV_CMD_USER_1, DENIED)]
+    assert bench.authority.counts["stranger"] == 1
+    assert f"{source[0]}/{source[1]} is not allowed" in bench.texts()
+
+
+def test_a_component_of_a_system_may_be_allowed_alone() -> None:
+    authority = Authority(AuthoritySettings(allowed=("42/7",)))
+    bench = Bench(authority=authority)
+    for source, taken in (((42, 8), False), ((42, 7), True), ((255, 190), False)):
+        bench.command(mavlink.MAV_CMD_USER_1, source=source)
+        assert (bench.turn() is not None) is taken
+
+
+def test_a_stranger_cannot_abort_either_nor_change_the_streams() -> None:
+    bench = Bench()
+    bench.command(mavlink.MAV_CMD_USER_1)
+    bench.turn()
+    bench.take()
+    bench.command(mavlink.MAV_CMD_USER_2, source=(77, 1))
+    bench.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 275.0, 1.0, source=(77, 1))
+    bench.step()
+    assert not bench.component.should_stop()
+    assert [result for _, result in bench.acks()] == [DENIED, DENIED]
+
+
+def test_a_stranger_may_ask_who_the_camera_is() -> None:
+    bench = Bench()
+    bench.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 259.0, source=(77, 1))
+    bench.turn()
+    assert len(bench.take("CAMERA_INFORMATION")) == 1
+
+
+def test_strangers_that_shout_are_reported_now_and_then_only() -> None:
+    bench = Bench()
+    for i in range(100):
+        bench.command(mavlink.MAV_CMD_USER_1, source=(10 + i, 1))
+        bench.turn(0.1)
+    assert bench.texts().count("refused") <= 3
+    assert bench.authority.counts["stranger"] == 100
+
+
+def test_a_signed_order_is_obeyed() -> None:
+    bench = signed_bench()
+    bench.say_bytes(order())
+    assert bench.turn() == Locate()
+
+
+@pytest.mark.parametrize(
+    ("frame", "reason"),
+    [
+        (lambda: order(None), "unsigned"),
+        (lambda: order(bytes(32)), "forged"),
+        (lambda: order(timestamp=timestamp_of(NOW - timedelta(seconds=61))), "old"),
+        (lambda: order(source=(77, 190)), "stranger"),
+    ],
+)
+def test_with_a_key_no_other_order_is_obeyed(frame: Callable[[], bytes], reason: str) -> None:
+    bench = signed_bench()
+    bench.say_bytes(frame())
+    assert bench.turn() is None
+    assert dict(bench.authority.counts) == {reason: 1}
+
+
+def test_an_order_recorded_and_played_again_is_not_obeyed() -> None:
+    bench = signed_bench()
+    recorded = order()
+    bench.say_bytes(recorded)
+    assert bench.turn() == Locate()
+    bench.component.ended(0)
+    bench.take()
+    for _ in range(3):
+        bench.say_bytes(recorded)
+        assert bench.turn(30.0) is None
+    assert bench.authority.counts["replayed"] == 3
+    assert bench.acks() == []  # they would go to the true sender, who did not ask
+
+
+def heartbeat(timestamp: int) -> bytes:
+    sender = mavlink.MAVLink(None, 255, 190)
+    sender.signing.secret_key, sender.signing.sign_outgoing = KEY, True
+    sender.signing.timestamp, sender.signing.link_id = timestamp, 3
+    return bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(sender))
+
+
+def test_a_station_that_counts_on_from_its_start_may_order_an_hour_later() -> None:
+    now = [NOW]
+    bench = Bench(authority=Authority(AuthoritySettings(), KEY, lambda: now[0]))
+    bench.say_bytes(heartbeat(timestamp_of(NOW)))
+    bench.turn()
+    now[0] += timedelta(hours=1)
+    bench.say_bytes(order(timestamp=timestamp_of(NOW) + 3600))
+    assert bench.turn() == Locate()
+
+
+def test_an_order_recorded_before_a_restart_is_not_obeyed_once_the_station_was_heard() -> None:
+    bench = signed_bench()
+    bench.say_bytes(heartbeat(timestamp_of(NOW)))
+    bench.say_bytes(order(timestamp=timestamp_of(NOW) - 100_000))
+    assert bench.turn() is None
+    assert bench.authority.counts["replayed"] == 1
+
+
+def test_a_frame_changed_on_the_way_is_forged() -> None:
+    check = SignatureCheck(KEY, lambda: NOW)
+    good = order()
+    for at in (4, 10, 20, len(good) - 14, len(good) - 10, len(good) - 1):
+        changed = bytearray(good)
+        changed[at] ^= 1
+        assert check.fault(bytes(changed)) == "forged"
+    assert check.fault(good) is None
+
+
+def test_forged_frames_do_not_silence_the_true_sender_nor_fill_the_memory() -> None:
+    check = SignatureCheck(KEY, lambda: NOW)
+    for link_id in range(200):
+        assert check.fault(order(bytes(32), timestamp=2**47, link_id=link_id)) == "forged"
+    assert check._streams == {}
+    assert check.fault(order()) is None
+
+
+def test_each_stream_has_its_own_counter() -> None:
+    check = SignatureCheck(KEY, lambda: NOW)
+    assert check.fault(order(link_id=1)) is None
+    assert check.fault(order(link_id=2)) is None
+    assert check.fault(order(link_id=1)) == "replayed"
+    assert check.fault(order(link_id=1, timestamp=timestamp_of(NOW) + 1)) is None
+
+
+def test_our_timestamp_is_never_behind_the_newest_good_one() -> None:
+    check = SignatureCheck(KEY, lambda: NOW)
+    ahead = timestamp_of(NOW + timedelta(hours=1))
+    check.fault(order(timestamp=ahead))
+    assert check.timestamp() == ahead
+
+
+@pytest.mark.parametrize("length", range(0, 40))
+def test_truncated_frames_are_unsigned_or_forged(length: int) -> None:
+    assert SignatureCheck(KEY, lambda: NOW).fault(order()[:length]) in ("unsigned", "forged")
+
+
+@pytest.mark.parametrize(
+    ("content", "key"),
+    [
+        (KEY, KEY),
+        (KEY.hex().encode() + b"\n", KEY),
+        (b"correct horse\n", bytes.fromhex("5d40f92aaae32a83f38d9c4df1b07d1a1bd2d2fd2fbb1ba34c2abc8a7fd5cd10")),
+    ],
+)
+def test_a_key_is_bytes_digits_or_a_passphrase(tmp_path: Path, content: bytes, key: bytes) -> None:
+    path = tmp_path / "key"
+    path.write_bytes(content)
+    assert len(read_key(path)) == 32
+    if not content.startswith(b"correct"):
+        assert read_key(path) == key
+
+
+def test_a_key_file_that_is_not_there_or_empty_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="cannot read the signing key"):
+        read_key(tmp_path / "none")
+    (tmp_path / "empty").write_bytes(b"\n")
+    with pytest.raises(SettingsError, match="is empty"):
+        read_key(tmp_path / "empty")
+
+
+def test_a_bucket_lets_a_burst_through_and_then_its_rate() -> None:
+    bucket = TokenBucket(rate_hz=10.0, burst=5.0)
+    assert sum(bucket.take(0.0) for _ in range(100)) == 5
+    assert sum(bucket.take(i / 100.0) for i in range(1, 201)) == pytest.approx(20, abs=1)
+    assert not TokenBucket(1.0, 0.5).take(1e9)

@@ -1,0 +1,42 @@
+"""Why an order is refused before it is accepted, as far as telemetry tells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from gcs_plugin.component import Follow, Locate, Mark, NextCandidate
+from gcs_plugin.serve.vehicle import refusal
+from mission.drones.drone import Telemetry
+
+FLYING = Telemetry(100.0, True, True, True, "HOLD", 0.8, 2.0, 0.5, True, True, 50.0)
+
+
+def test_an_aircraft_in_the_air_and_well_may_locate() -> None:
+    assert refusal(Locate(), FLYING, 0.2) == ""
+
+
+@pytest.mark.parametrize(
+    ("telemetry", "reason"),
+    [
+        (replace(FLYING, connected=False), "not heard"),
+        (replace(FLYING, armed=False), "not armed and airborne"),
+        (replace(FLYING, in_air=False), "not armed and airborne"),
+        (replace(FLYING, position_ok=False), "position is not healthy"),
+        (replace(FLYING, heading_ok=False), "heading is not healthy"),
+        (replace(FLYING, battery_fraction=0.1), "battery is at 10 %"),
+    ],
+)
+def test_one_that_could_not_is_refused_with_the_reason(telemetry: Telemetry, reason: str) -> None:
+    assert reason in refusal(Locate(), telemetry, 0.2)
+
+
+def test_an_unknown_battery_is_left_to_the_pilot_process() -> None:
+    assert refusal(Locate(), replace(FLYING, battery_fraction=None), 0.2) == ""
+
+
+def test_what_does_not_fly_needs_no_aircraft_in_the_air() -> None:
+    landed = replace(FLYING, armed=False, in_air=False)
+    assert refusal(Follow(Mark(0.1, 0.1, 0.2, 0.2)), landed, 0.2) == ""
+    assert refusal(NextCandidate(), landed, 0.2) == ""

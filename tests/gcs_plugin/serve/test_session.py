@@ -1,0 +1,264 @@
+"""Orders carried out one after another on a flight without wires: whatever comes of one, the next is taken."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from gcs_plugin.answer import Times
+from gcs_plugin.authority import Authority
+from gcs_plugin.component import CameraComponent, Identity
+from gcs_plugin.component.commands import CANCELLED
+from gcs_plugin.geotags import GeotagLog, read_geotags
+from gcs_plugin.serve.session import Crew, Session
+from mission.camera import Camera
+from mission.errors import LinkError, VideoError
+from mission.records import Box, Detection, Frame, Image
+from mission.settings import AnswerSettings, AuthoritySettings, MissionSettings, VideoSettings
+from mission.video import VideoSource
+from tests.gcs_plugin.component.bench import PICTURE, Bench, Wire
+from tests.mission.fakes import CAMERA, FakeDrone, FakeVideo, Sight, Walker
+
+USER_1, USER_2, USER_3, USER_4 = 31010, 31011, 31012, 31013
+ACCEPTED, TEMPORARILY_REJECTED, FAILED, IN_PROGRESS = 0, 1, 4, 5
+PATIENCE_S = 90.0
+
+
+class Obeyed(Wire):
+    """The autopilot takes what it is told."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.told: list[int] = []
+
+    def command_int(self, command: int, params: Sequence[float], x: int, y: int, z: float, *, frame: int) -> int:
+        self.told.append(command)
+        return 0
+
+
+Step = tuple[Callable[[], bool], Callable[[], object]]
+"""What is waited for, and what is done then."""
+
+
+@dataclass
+class Ended:
+    """The end of the program: when all steps are done."""
+
+    steps: list[Step] = field(default_factory=list)
+    in_flight: bool = False
+    deadline: float = field(default_factory=lambda: time.monotonic() + PATIENCE_S)
+
+    def asked(self) -> bool:
+        if self.steps and self.steps[0][0]():
+            self.steps.pop(0)[1]()
+        return not self.steps or time.monotonic() > self.deadline
+
+
+class Service(Bench):
+    """A session, with a station that gives orders at chosen times of the flight."""
+
+    def __init__(self, folder: Path, walker: Walker | None = None) -> None:
+        answer = AnswerSettings(folder=folder, roi="on-request", waypoint="never")
+        settings = MissionSettings(
+            answer=answer,
+            video=VideoSettings(check_offset=False),
+            authority=AuthoritySettings(flights_per_minute=60.0),
+        )
+        super().__init__(settings)
+        self.drone = FakeDrone()
+        self.video = Video(self.drone, self)
+        self.sight = Sight(self.drone, walker or Walker(np.array([0.5, 6.0, 0.9]), np.array([0.3, 0.0, 0.0])))
+        self.wire = self.obeyed = Obeyed()
+        clock = self.clock
+        self.component = CameraComponent(
+            self.wire,
+            Identity(1),
+            PICTURE,
+            settings,
+            Authority(settings.authority),
+            lambda _: self.refusal,
+            clock,
+        )
+        self.component.__enter__()
+        self.log = folder / "geotags.gpkg"
+        self.end = Ended()
+        self.opened = 0
+        self.printed = StringIO()
+        self.no_video: VideoError | None = None
+        self.crew = Crew(
+            self.sight,
+            GeotagLog(self.log),
+            Console(file=self.printed, width=200),
+            Times(clock, lambda: datetime(2026, 11, 22, tzinfo=UTC)),
+            self.end,
+            lambda: self.sight,
+            self._open,
+        )
+        self.plans: list[tuple[float, Callable[[], object]]] = []
+
+    def clock(self) -> float:
+        return self.drone.t_s
+
+    def at(self, seconds: float, act: Callable[[], object]) -> None:
+        """Do something when the flight's time has come."""
+        self.plans.append((self.drone.t_s + seconds, act))
+
+    def final(self) -> list[tuple[int, int]]:
+        """Acknowledgements so far, without progress."""
+        acks = [(m.command, m.result) for m in self.wire.sent if m.get_type() == "COMMAND_ACK"]
+        return [ack for ack in acks if ack[1] != IN_PROGRESS]
+
+    def serve(self, satisfied: Callable[[], bool], *before: Step) -> None:
+        """Until satisfied, after some steps before that."""
+        self.end.steps = [*before, (satisfied, lambda: None)]
+        Session(self.crew, self.drone, self.wire, self.component).run()
+        assert self.end.steps == []
+
+    def then(self, result: tuple[int, int], *params: float, command: int = USER_1) -> Step:
+        """When an order has ended so, give the next one."""
+        return lambda: self.final()[-1:] == [result], lambda: self.command(command, *params)
+
+    def _open(self, settings: MissionSettings, warn: Callable[[str], None]) -> tuple[VideoSource, Camera]:
+        self.opened += 1
+        if self.no_video is not None:
+            raise self.no_video
+        return self.video, CAMERA
+
+
+class Video(FakeVideo):
+    """Lets the plans come true as its time goes on."""
+
+    def __init__(self, drone: FakeDrone, service: Service) -> None:
+        super().__init__(drone)
+        self._service = service
+        self.closed = 0
+
+    def latest(self, after_index: int, timeout_s: float) -> Frame | None:
+        frame = super().latest(after_index, timeout_s)
+        due = [plan for plan in self._service.plans if plan[0] <= self.drone.t_s]
+        for plan in due:
+            self._service.plans.remove(plan)
+            plan[1]()
+        return frame
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Service:
+    return Service(tmp_path)
+
+
+def test_an_order_brings_an_answer_on_the_link_and_on_the_disk(service: Service) -> None:
+    service.command(USER_1)
+    service.serve(lambda: service.final() == [(USER_1, ACCEPTED)] and service.video.closed == 1)
+    (answer,) = [m for m in service.wire.sent if m.get_type() == "CAMERA_TRACKING_GEO_STATUS"]
+    (geotag,) = read_geotags(service.log)
+    assert answer.lat == pytest.approx(geotag.place.lat_deg * 1e7, abs=2)
+    beats = [m for m in service.wire.sent if m.get_type() == "HEARTBEAT"]
+    assert len(beats) >= 6  # the flight's own loop sends them
+    statuses = [m.tracking_status for m in service.wire.sent if m.get_type() == "CAMERA_TRACKING_IMAGE_STATUS"]
+    assert statuses == [1] * (len(statuses) - 1) + [0]  # the box follows the target, and goes at the end
+
+
+def test_an_abort_holds_and_the_next_order_is_taken(service: Service) -> None:
+    service.command(USER_1)
+    service.at(3.0, lambda: service.command(USER_2))
+    service.serve(lambda: service.drone.calls.count("hover") == 2, service.then((USER_1, CANCELLED)))
+    assert service.drone.calls[:4] == ["begin", "hover", "path", "hold"]
+
+
+def test_the_pilot_takes_over_and_the_next_order_is_taken(service: Service) -> None:
+    service.command(USER_1)
+    service.at(3.0, lambda: service.drone.seize())
+    calls: list[str] = []
+    service.serve(
+        lambda: service.drone.calls.count("hover") == 2,
+        (lambda: service.final() == [(USER_1, FAILED)], lambda: calls.extend(service.drone.calls)),
+        service.then((USER_1, FAILED)),
+    )
+    assert "hover" in calls
+    assert "hold" not in calls
+    assert "the pilot chose LOITER" in service.texts()
+
+
+def test_a_flight_that_the_aircraft_refuses_is_a_temporary_rejection(service: Service) -> None:
+    service.drone.refuse = "the height leaves the limits"
+    service.command(USER_1)
+    service.serve(lambda: service.final() == [(USER_1, TEMPORARILY_REJECTED)])
+    assert "the height leaves the limits" in service.texts()
+
+
+def test_nobody_in_view_is_told_with_what_helps_on_the_terminal(service: Service) -> None:
+    service.sight.absent = True
+    service.command(USER_1)
+    service.serve(lambda: service.final() == [(USER_1, FAILED)])
+    assert "no person found" in service.texts()
+
+
+def test_no_video_is_told_and_nothing_flies(service: Service) -> None:
+    service.no_video = VideoError("Nothing arrives at udp://:5600", "Start the camera.")
+    service.command(USER_1)
+    service.serve(lambda: service.final() == [(USER_1, FAILED)])
+    assert "Nothing arrives" in service.texts()
+    assert service.drone.calls == []
+
+
+def test_a_fault_of_the_program_in_one_order_leaves_the_aircraft_holding_and_takes_the_next(service: Service) -> None:
+    class Faulty(Sight):
+        def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+            raise ZeroDivisionError
+
+    faulty = Faulty(service.drone, service.sight.walker)
+    service.crew = replace(service.crew, detector=faulty)
+    service.command(USER_1)
+    service.serve(
+        lambda: service.final() == [(USER_1, FAILED), (USER_1, FAILED)],
+        service.then((USER_1, FAILED)),
+    )
+    assert service.drone.calls == ["begin", "hover", "hold"] * 2
+    assert "internal error" in service.texts()
+
+
+def test_the_next_candidate_is_tracked_without_flying_and_then_located(service: Service) -> None:
+    service.command(USER_3)
+    service.at(2.0, lambda: service.command(USER_1))
+    service.serve(lambda: "ordered to locate the operator's box" in service.printed.getvalue())
+    assert service.final()[0] == (USER_3, ACCEPTED)
+    assert service.opened == 1  # the video that was open goes on
+
+
+def test_tracking_alone_never_flies_and_ends_on_request(service: Service) -> None:
+    service.command(USER_3)
+    service.at(2.0, lambda: service.command(USER_2))
+    service.serve(lambda: service.video.closed == 1)
+    assert service.drone.calls == []
+
+
+def test_the_answer_is_given_to_the_autopilot_when_asked_for(service: Service) -> None:
+    told: list[int] = []
+    service.command(USER_4, 1.0)
+    service.serve(
+        lambda: service.final()[-1:] == [(USER_4, ACCEPTED)],
+        service.then((USER_4, FAILED)),
+        (lambda: (USER_1, ACCEPTED) in service.final(), lambda: told.extend(service.obeyed.told)),
+        service.then((USER_1, ACCEPTED), 1.0, command=USER_4),
+    )
+    assert "There is no answer yet" in service.texts()
+    assert told == []
+    assert len(service.obeyed.told) == 1
+
+
+def test_a_pilot_process_that_is_gone_is_an_end_of_the_session(service: Service) -> None:
+    service.drone.seize("pilot-process-lost", "the pilot process is gone")
+    with pytest.raises(LinkError, match="the pilot process is gone"):
+        service.serve(lambda: False)

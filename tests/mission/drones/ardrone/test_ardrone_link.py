@@ -1,0 +1,150 @@
+"""The AR.Drone's link over real sockets: rubbish, strangers, silence, and a Wi-Fi that loses every fifth datagram."""
+
+from __future__ import annotations
+
+import random
+import socket
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from mission.drones.ardrone.ardrone import ARDrone
+from mission.drones.ardrone.at import comwdg
+from mission.drones.ardrone.link import ArdroneLink, NavdataRelay, relayed
+from mission.drones.ardrone.navdata import WAKE_UP, Navdata
+from mission.drones.ardrone.url import ArdroneAddress
+from mission.drones.drone import Bounds, Knot, Order, OrderState, Path
+from sitl.ardrone import ArdroneConfig, start_ardrone
+from sitl.truth import TruthRing
+from tests.mission.drones.ardrone.bad_wifi import BadWifi
+from tests.mission.drones.ardrone.packets import DEMO, TIME, packet
+from tests.mission.drones.ardrone.test_navdata import mutated
+
+FINAL = (OrderState.DONE, OrderState.REFUSED, OrderState.ENDED)
+
+
+class Ports:
+    """An AR.Drone's two UDP ports, and a client's link to them."""
+
+    def __init__(self) -> None:
+        self.at, self.navdata = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+        for sock in (self.at, self.navdata):
+            sock.bind(("127.0.0.1", 0))
+            sock.settimeout(2.0)
+        self.taken: list[tuple[Navdata, bytes, float]] = []
+        address = ArdroneAddress("127.0.0.1", self.at.getsockname()[1], self.navdata.getsockname()[1])
+        self.link = ArdroneLink(address, lambda *packet: self.taken.append(packet))
+        woken, self.client = self.navdata.recvfrom(100)
+        assert woken == WAKE_UP
+
+    def send(self, data: bytes) -> None:
+        self.navdata.sendto(data, self.client)
+
+    def wait_for(self, count: int, timeout_s: float) -> None:
+        deadline = time.monotonic() + timeout_s
+        while len(self.taken) < count:
+            assert time.monotonic() < deadline, f"{len(self.taken)} of {count}"
+            time.sleep(0.005)
+
+    def close(self) -> None:
+        self.link.close()
+        self.at.close()
+        self.navdata.close()
+
+
+@pytest.fixture
+def ports() -> Iterator[Ports]:
+    made = Ports()
+    yield made
+    made.close()
+
+
+def test_navdata_is_woken_up_and_asked_for_again_when_it_falls_silent(ports: Ports) -> None:
+    assert ports.navdata.recvfrom(100)[0] == WAKE_UP
+    ports.send(packet(DEMO, TIME))
+    ports.wait_for(1, 1.0)
+    assert ports.navdata.recvfrom(100)[0] == WAKE_UP
+
+
+def test_good_navdata_is_taken_within_a_second_after_rubbish(ports: Ports) -> None:
+    rng = random.Random(1)
+    rubbish = [rng.randbytes(rng.randint(0, 600)) for _ in range(200)]
+    rubbish += [mutated(rng, packet(DEMO, TIME)) for _ in range(200)]
+    for sent, data in enumerate(rubbish, start=1):
+        ports.send(data)
+        deadline = time.monotonic() + 5.0
+        while sent % 20 == 0 and ports.link.malformed + len(ports.taken) < sent:  # no more than the socket holds
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+    before = len(ports.taken)
+    for sequence in range(10):
+        ports.send(packet(DEMO, TIME, sequence=10_000 + sequence))
+    ports.wait_for(before + 10, 1.0)
+    assert [navdata.sequence for navdata, _, _ in ports.taken[-10:]] == list(range(10_000, 10_010))
+    assert ports.link.malformed > 100
+    assert ports.link.last_malformed
+
+
+def test_commands_go_out_numbered(ports: Ports) -> None:
+    ports.link.send([comwdg()])
+    ports.link.send([comwdg()])
+    assert [ports.at.recvfrom(2000)[0] for _ in range(2)] == [b"AT*COMWDG=1\r", b"AT*COMWDG=2\r"]
+
+
+def test_a_packet_is_relayed_with_the_time_of_its_arrival() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program:
+        program.bind(("127.0.0.1", 0))
+        program.settimeout(1.0)
+        relay = NavdataRelay(program.getsockname()[1])
+        relay.send(packet(DEMO, TIME), 1234.5)
+        found = relayed(program.recv(65535))
+        relay.close()
+    assert found is not None
+    assert found[1] == 1234.5
+    assert found[0].demo is not None
+
+
+@pytest.mark.parametrize("datagram", [b"", b"1234567", bytes(8), bytes(8) + packet(DEMO)[:-1]])
+def test_a_broken_relayed_packet_is_passed_over(datagram: bytes) -> None:
+    assert relayed(datagram) is None
+
+
+@pytest.mark.flight
+def test_on_a_wifi_that_loses_doubles_and_reorders_it_completes_or_hovers_with_a_reason() -> None:
+    ring = TruthRing.create(seconds=60, rate_hz=200)
+    free = ArdroneConfig(at_port=0, navdata_port=0, video_port=0, control_port=0, seed=5)
+    simulated = start_ardrone(free, ring.name)
+    ports = simulated.ports
+    wifi = BadWifi("127.0.0.1", [ports.at, ports.navdata], lost=0.2, doubled=0.2, late_s=0.03)
+    drone = ARDrone(f"ardrone://127.0.0.1?at={wifi.ports[0]}&navdata={wifi.ports[1]}")
+
+    def final(order: Order) -> Order:
+        deadline = time.monotonic() + 25.0
+        while order.state not in FINAL:
+            assert time.monotonic() < deadline
+            drone.events()
+            time.sleep(0.02)
+        return order
+
+    try:
+        drone.connect(20.0)
+        drone.begin(Bounds(min_height_m=0.8))
+        assert final(drone.take_off(1.5)).state is OrderState.DONE
+        assert final(drone.hover()).state is OrderState.DONE
+        path = Path((Knot(0.0, (0, 0, 0), (0, 0, 0)), Knot(2.0, (1.0, 0, 0), (0, 0, 0))))
+        flown = final(drone.fly(path))
+        assert flown.state is OrderState.DONE or (flown.state is OrderState.ENDED and flown.reason)
+        assert final(drone.hold()).state is OrderState.DONE
+        newest = ring.newest()
+        assert newest is not None
+        assert np.linalg.norm(newest.velocity_enu_m_s) < 0.5
+        assert 0.15 < wifi.dropped / wifi.relayed < 0.25
+        assert drone.telemetry().pose_rate_hz > 50.0
+    finally:
+        drone.close()
+        wifi.close()
+        simulated.stop()
+        ring.close()
+        ring.unlink()

@@ -1,0 +1,177 @@
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from mission.drones.drone import Bounds, Knot, OrderState, Path
+from mission.drones.limits import FlightSettings
+from mission.drones.link import MavlinkLink
+from mission.drones.loopback import loopback_socket
+from mission.drones.safeguards import Safeguards
+from tests.mission.drones.fake_vehicle import FakeVehicle
+
+INTEGERS = {"COM_OBL_RC_ACT", "GF_ACTION"}
+PX4 = {"COM_OBL_RC_ACT": 5.0, "GF_ACTION": 2.0, "GF_MAX_HOR_DIST": 20.0, "GF_MAX_VER_DIST": 10.0}
+COPTER = {
+    "FENCE_ENABLE": 1.0,
+    "FENCE_TYPE": 7.0,
+    "FENCE_RADIUS": 20.0,
+    "FENCE_ALT_MAX": 10.0,
+    "FENCE_ALT_MIN": -10.0,
+    "FENCE_TOTAL": 0.0,
+    "GUID_TIMEOUT": 3.0,
+}
+NO_FENCE = {"px4": {**PX4, "GF_ACTION": 0.0}, "ardupilot": {**COPTER, "FENCE_ENABLE": 0.0}}
+
+
+def _wire(message: Any) -> Any:
+    return mavlink.MAVLink(None).decode(bytearray(message.pack(mavlink.MAVLink(None, 1, 1))))
+
+
+class Guarded(FakeVehicle):
+    """A vehicle in the air with the parameters of its autopilot, and home 15 m to the south."""
+
+    def __init__(self, autopilot: Any, **changes: float | None) -> None:
+        super().__init__(autopilot)
+        self.safeguards = Safeguards(self.state)
+        self.loss: float | None = None
+        self.flight._guards = self
+        self.run(0.1)
+        for name, value in {**(PX4 if autopilot == "px4" else COPTER), **changes}.items():
+            if value is not None:
+                self.tell(name, value)
+        home = round((37.0 - 15.0 / 111_194.9) * 1e7), round(127.0 * 1e7), 30_000
+        zeros = (0.0, 0.0, 0.0)
+        self.safeguards.take(_wire(mavlink.MAVLink_home_position_message(*home, *zeros, [1.0, 0.0, 0.0, 0.0], *zeros)))
+
+    def tell(self, name: str, value: float) -> None:
+        """PARAM_VALUE: PX4 sends an integer's bytes."""
+        if name in INTEGERS:
+            raw, kind = struct.unpack("<f", struct.pack("<i", int(value)))[0], mavlink.MAV_PARAM_TYPE_INT32
+        else:
+            raw, kind = value, mavlink.MAV_PARAM_TYPE_REAL32
+        self.safeguards.take(_wire(mavlink.MAVLink_param_value_message(name.encode(), raw, kind, 900, 65535)))
+
+    def fence(self) -> Any:
+        return self.safeguards.fence()
+
+    def refusal(self, must_hold: bool) -> str | None:
+        return self.safeguards.refusal(must_hold)
+
+    def packet_loss(self, now_s: float) -> float | None:
+        return self.loss
+
+
+def _hover(vehicle: FakeVehicle) -> str:
+    """Order to hover; the reason when it is refused."""
+    vehicle.begin(Bounds())
+    order = vehicle.order("hover")
+    vehicle.run(1.5)
+    return vehicle.reason_of(order)
+
+
+def _north(metres: float) -> Path:
+    return Path((Knot(0.0, (0, 0, 0), (0, 0, 0)), Knot(8.0, (0, metres, 0), (0, 0, 0))))
+
+
+@pytest.fixture(params=["px4", "ardupilot"])
+def vehicle(request: pytest.FixtureRequest) -> Guarded:
+    guarded = Guarded(request.param)
+    guarded.airborne()
+    return guarded
+
+
+def test_a_path_through_the_geofence_is_refused_and_one_within_it_is_flown(vehicle: Guarded) -> None:
+    assert _hover(vehicle) == ""
+    order = vehicle.order("path", path=_north(3.5))
+    assert "leave the geofence: 18" in vehicle.reason_of(order)
+    order = vehicle.order("path", path=_north(2.8))
+    vehicle.run(9.5)
+    assert vehicle.state_of(order) is OrderState.DONE
+
+
+def test_a_vehicle_too_near_to_the_geofence_or_its_ceiling_is_not_flown(vehicle: Guarded) -> None:
+    vehicle.place = np.array([3.5, 0.0, -3.0])
+    vehicle.run(0.1)
+    assert "outside the allowed room: 18.5 m from home, the autopilot's geofence is at 20.0 m" in _hover(vehicle)
+    vehicle.place = np.array([0.0, 0.0, -8.5])
+    vehicle.run(0.1)
+    assert "height 8.5 m, the autopilot's geofence is at 10.0 m" in _hover(vehicle)
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_take_off_through_the_ceiling_of_the_geofence_is_refused(autopilot: str) -> None:
+    vehicle = Guarded(autopilot)
+    vehicle.begin()
+    assert "take-off would leave the geofence" in vehicle.reason_of(vehicle.order("take-off", height_m=9.0))
+    assert vehicle.log == []
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_fence_that_is_off_is_no_fence(autopilot: str) -> None:
+    vehicle = Guarded(autopilot, **NO_FENCE[autopilot])
+    assert vehicle.fence() is None
+    assert _hover(vehicle.airborne()) == ""
+
+
+def test_a_fence_of_which_only_the_ceiling_is_on_has_no_radius() -> None:
+    fence = Guarded("ardupilot", FENCE_TYPE=1.0).fence()
+    assert (fence.radius_m, fence.max_height_m) == (np.inf, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("action", "refused", "cautioned"),
+    [(5.0, False, False), (0.0, False, True), (3.0, False, True), (4.0, False, True), (6.0, True, True)],
+)
+def test_what_px4_would_do_without_setpoints_is_told_and_may_forbid_the_flight(
+    action: float, refused: bool, cautioned: bool
+) -> None:
+    vehicle = Guarded("px4", COM_OBL_RC_ACT=action)
+    assert ("COM_OBL_RC_ACT" in " ".join(vehicle.safeguards.cautions())) is cautioned
+    assert ("COM_OBL_RC_ACT" in _hover(vehicle.airborne())) is refused
+    assert (vehicle.safeguards.refusal(must_hold=True) is None) is (action == 5.0)
+
+
+def test_a_long_guided_timeout_and_a_fence_plan_are_told() -> None:
+    notes = Guarded("ardupilot", GUID_TIMEOUT=30.0, FENCE_TOTAL=7.0).safeguards.cautions()
+    assert "flies on for 30 s" in notes[0]
+    assert "polygons and circles" in notes[1]
+    assert Guarded("ardupilot").safeguards.cautions() == []
+
+
+def test_nothing_flies_before_the_safeguards_are_known_and_silence_ends_the_asking() -> None:
+    vehicle = Guarded("px4", COM_OBL_RC_ACT=None, GF_ACTION=None)
+    vehicle.airborne()
+    assert "not known yet" in _hover(vehicle)
+    link = MavlinkLink(loopback_socket(), source_system=1, source_component=192, target_system=1)
+    for _ in range(10):
+        vehicle.run(0.42)
+        vehicle.safeguards.ask(link, vehicle.now_s)
+    link.close()
+    assert vehicle.safeguards.known
+    assert "does not tell what it does when setpoints stop" in vehicle.safeguards.cautions()[0]
+    assert "does not tell its geofence" in vehicle.safeguards.cautions()[1]
+    assert _hover(vehicle) == ""
+
+
+def test_a_link_that_loses_too_much_refuses_the_flight_and_ends_one(vehicle: Guarded) -> None:
+    vehicle.loss = 0.4
+    assert "the link loses 40 % of the packets, more than 30 %" in _hover(vehicle)
+    vehicle.loss = 0.2
+    assert _hover(vehicle) == ""
+    vehicle.loss = 0.4
+    vehicle.run(0.1)
+    assert "40 %" in vehicle.events("link-lost")[0].text
+    assert not vehicle.streaming
+
+
+def test_a_guided_vehicle_that_moves_by_itself_is_somebody_elses() -> None:
+    vehicle = FakeVehicle("ardupilot").airborne()
+    vehicle.silent = True
+    vehicle.hear(mavlink.MAVLink_local_position_ned_message(0, 0, 0, -3, 2.0, 0, 0))
+    assert "another controller is flying it: in GUIDED it moves at 2.0 m/s" in _hover(vehicle)
+    assert FlightSettings().must_hold is False

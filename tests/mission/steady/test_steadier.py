@@ -1,0 +1,182 @@
+"""From pictures to steadied poses, and honestly back to the telemetry where the pictures do not help."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from mission.camera import Camera
+from mission.camera.mounting import Mounting
+from mission.flight_record import FlightRecord
+from mission.pose import Pose
+from mission.records import Box, Frame, GeodeticOrigin, Image, Matrix, NoiseModel, TargetPrior, Vector
+from mission.steady import Steadied, Steadier
+from mission.track import Track
+from tests.mission.steady.worlds import ROUGH
+
+CAMERA = Camera.from_field_of_view(640, 480, 1.1, Mounting.tilted(0.0))
+WALL_M, PX_PER_M = 9.0, 40.0
+DURATION_S, FPS, OFFSET_S = 4.0, 12.0, 0.1
+GROUND_M = 1.6
+
+
+def true_pose(t_s: float) -> Pose:
+    """Two metres west and back before a wall to the north, level but for some roll, turning a little."""
+    way = 0.5 * (1.0 - np.cos(2.0 * np.pi * t_s / DURATION_S))
+    rate = np.pi / DURATION_S * np.sin(2.0 * np.pi * t_s / DURATION_S)
+    attitude = Rotation.from_rotvec([0.0, 0.0, -0.15 * way]) * _NORTH * Rotation.from_rotvec([0.08 * np.sin(t_s), 0, 0])
+    return _pose(t_s, np.array([-2.0 * way, 0.0, GROUND_M]), np.array([-2.0 * rate, 0.0, 0.0]), attitude)
+
+
+def reported_pose(t_s: float) -> Pose:
+    """The same with a compass that swings by two degrees and a position that drifts."""
+    true = true_pose(t_s)
+    swing = Rotation.from_rotvec([0.004 * np.sin(t_s), 0.008 * np.sin(0.7 * t_s), 0.035 * np.sin(1.1 * t_s + 0.5)])
+    attitude = swing * Rotation.from_quat(true.world_from_body_wxyz, scalar_first=True)
+    drift = np.array([0.1 * np.sin(0.9 * t_s), 0.08 * np.cos(t_s), 0.05 * np.sin(1.2 * t_s)])
+    return _pose(t_s, true.position_enu_m + drift, true.velocity_enu_m_s, attitude)
+
+
+_NORTH = Rotation.from_matrix(np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]))
+
+
+def _pose(t_s: float, position: Vector, velocity: Vector, attitude: Rotation) -> Pose:
+    return Pose(t_s, position, velocity, attitude.as_quat(scalar_first=True), np.eye(3), np.eye(3))
+
+
+def picture(t_s: float, texture: Image) -> Image:
+    """What the camera sees of a textured ground and a textured wall."""
+    pose = true_pose(t_s)
+    rotation = CAMERA.mounting.world_from_camera_wxyz(pose)
+    camera_from_world = Rotation.from_quat(rotation, scalar_first=True).inv().as_matrix()
+    lens = CAMERA.intrinsics
+    matrix = np.array([[lens.fx, 0, lens.cx - 0.5], [0, lens.fy, lens.cy - 0.5], [0, 0, 1.0]])
+    height, width = texture.shape[:2]
+    seen = np.full((480, 640, 3), 200, np.uint8)
+    # Texture pixel (u, v) to a place: on the wall (u, WALL, top - v), on the ground (u, v, 0).
+    wall = _plane([1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [-0.5 * width / PX_PER_M, WALL_M, 0.9 * height / PX_PER_M])
+    ground = _plane([1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [-0.5 * width / PX_PER_M, WALL_M, 0.0])
+    for plane, patch in ((wall, texture), (ground, texture[: int((WALL_M - 1.0) * PX_PER_M), ::-1])):
+        homography = matrix @ camera_from_world @ (plane - np.outer(pose.position_enu_m, [0.0, 0.0, 1.0]))
+        drawn = cv2.warpPerspective(patch, homography, (640, 480), flags=cv2.INTER_AREA)
+        inside = cv2.warpPerspective(np.full(patch.shape[:2], 255, np.uint8), homography, (640, 480)) > 128
+        seen[inside] = drawn[inside]
+    return seen
+
+
+def _plane(u: list[float], v: list[float], origin: list[float]) -> Matrix:
+    return np.stack([np.array(u) / PX_PER_M, np.array(v) / PX_PER_M, np.array(origin)], axis=1)
+
+
+@lru_cache(maxsize=1)
+def street_pictures() -> tuple[Frame, ...]:
+    """The flight's frames; their times are late by the video's offset."""
+    rng = np.random.default_rng(0)
+    noise = cv2.GaussianBlur(rng.uniform(0.0, 255.0, (400, 1200)).astype(np.float32), (0, 0), 2.5)
+    grey = np.clip(128.0 + 3.5 * (noise - noise.mean()), 0.0, 255.0).astype(np.uint8)
+    texture: Image = np.repeat(grey[:, :, None], 3, axis=2)
+    times = np.arange(round(DURATION_S * FPS)) / FPS
+    return tuple(Frame(picture(float(t), texture), float(t) + OFFSET_S, k) for k, t in enumerate(times))
+
+
+def steadied(
+    frames: tuple[Frame, ...], pose_at: Callable[[float], Pose | None] = reported_pose, noise: NoiseModel = ROUGH
+) -> Steadied:
+    """The answer for some frames."""
+    steadier = Steadier(CAMERA)
+    for frame in frames:
+        steadier.add(frame, (Box(300.0, 150.0, 40.0, 120.0),))
+    return steadier.solve(pose_at, OFFSET_S, noise)
+
+
+def test_a_swinging_compass_is_steadied_by_the_street() -> None:
+    found = steadied(street_pictures())
+    assert found.reason is None
+    assert len(found.poses) == len(street_pictures())
+    assert all(pose.source == "steadied" and pose.points >= 12 for pose in found.poses)
+    before, after = [], []
+    for pose in found.poses:
+        true = Rotation.from_quat(
+            CAMERA.mounting.world_from_camera_wxyz(true_pose(pose.t_s - OFFSET_S)), scalar_first=True
+        )
+        told = CAMERA.mounting.world_from_camera_wxyz(reported_pose(pose.t_s - OFFSET_S))
+        before.append((Rotation.from_quat(told, scalar_first=True) * true.inv()).as_rotvec())
+        after.append((Rotation.from_matrix(pose.world_from_camera) * true.inv()).as_rotvec())
+    wandered, left = (np.degrees(np.std(e, axis=0)) for e in (before, after))
+    assert wandered[2] > 1.0
+    assert left.max() < 0.1
+    assert found.noise.heading_sigma_rad < 0.1 * ROUGH.heading_sigma_rad
+    assert 0.0 < found.noise.position_scale_sigma < 0.15
+    assert "steadied by the background" in found.note()
+
+
+def test_the_path_gets_its_shape_from_the_pictures() -> None:
+    found = steadied(street_pictures())
+    path = np.array([pose.position_enu_m for pose in found.poses])
+    true = np.array([true_pose(pose.t_s - OFFSET_S).position_enu_m for pose in found.poses])
+    told = np.array([reported_pose(pose.t_s - OFFSET_S).position_enu_m for pose in found.poses])
+    left, before = (p - p.mean(axis=0) - (true - true.mean(axis=0)) for p in (path, told))
+    assert np.sqrt(np.mean(left**2)) < 0.6 * np.sqrt(np.mean(before**2))
+
+
+def test_curves_and_trails_are_there_for_people() -> None:
+    found = steadied(street_pictures())
+    assert found.curves is not None
+    assert found.trails is not None
+    swing = found.curves.reported_rad[:, 0] - found.curves.steadied_rad[:, 0]
+    assert np.degrees(np.ptp(swing)) > 2.0
+    assert len(found.trails.pixel) == len(found.trails.still) == len(found.trails.t_s) > 500
+    assert found.trails.still.mean() > 0.8
+
+
+@pytest.mark.parametrize("grey", [5, 200])
+def test_without_texture_it_says_so_and_changes_nothing(grey: int) -> None:
+    rng = np.random.default_rng(1)
+    frames = tuple(
+        Frame(np.clip(grey + rng.normal(0.0, 2.0, (480, 640, 3)), 0, 255).astype(np.uint8), k / FPS, k)
+        for k in range(24)
+    )
+    found = steadied(frames)
+    assert found.reason is not None
+    assert found.poses == ()
+    assert found.noise == ROUGH
+    assert "not steadied" in found.note()
+
+
+def test_without_telemetry_it_says_so() -> None:
+    found = steadied(street_pictures(), lambda _: None)
+    assert found.reason == "too few frames with telemetry"
+
+
+def test_pictures_of_different_places_do_not_make_a_path() -> None:
+    rng = np.random.default_rng(2)
+    frames = tuple(
+        Frame(
+            np.asarray(cv2.GaussianBlur(rng.integers(0, 255, (480, 640, 3), dtype=np.uint8), (0, 0), 3.0), np.uint8),
+            k / FPS,
+            k,
+        )
+        for k in range(20)
+    )
+    assert steadied(frames).reason is not None
+
+
+def test_sightings_are_taken_from_the_steadied_poses() -> None:
+    record = FlightRecord("x", CAMERA, 1.0)
+    for frame in street_pictures():
+        box = Box(300.0, 150.0, 40.0, 120.0)
+        record.add(frame, Track(frame.index, frame.t_s, "tracking", box, box.centre_px, 1.0, 120.0, 0.04, 1.0))
+    found = record.steadier.solve(reported_pose, OFFSET_S, ROUGH)
+    args = (GeodeticOrigin(0.0, 0.0, 0.0), reported_pose, OFFSET_S, ROUGH, TargetPrior())
+    plain, steady = record.sightings(*args), record.sightings(*args, found)
+    assert [s.t_s for s in plain.sightings] == [s.t_s for s in steady.sightings]
+    for sighting, pose in zip(steady.sightings, found.poses, strict=True):
+        np.testing.assert_allclose(sighting.position_enu_m, pose.position_enu_m)
+    assert steady.noise.heading_sigma_rad == found.noise.heading_sigma_rad
+    assert steady.noise.position_scale_sigma > 0.0
+    assert plain.noise.heading_sigma_rad == ROUGH.heading_sigma_rad

@@ -1,0 +1,39 @@
+"""The long tests run only when they are asked for (``pytest -m soak tests/soak``); their figures end the run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+Note = Callable[[str, list[float]], None]
+_FIGURES: list[str] = []
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The marker is this folder's own."""
+    config.addinivalue_line("markers", "soak: minutes to an hour, with figures at the end")
+
+
+def pytest_ignore_collect(config: pytest.Config) -> bool | None:
+    """Left alone in an ordinary run."""
+    return None if "soak" in str(config.getoption("markexpr")) else True
+
+
+@pytest.fixture
+def note() -> Note:
+    """Keeps a figure of a name and its runs' values for the summary."""
+
+    def keep(name: str, values: list[float]) -> None:
+        found = np.array(values)
+        text = f"median {np.median(found):.3f}, worst {found.max():.3f}" if len(found) else "none"
+        _FIGURES.append(f"{name}: {text} (n = {len(found)})")
+
+    return keep
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """The figures."""
+    for line in _FIGURES:
+        terminalreporter.write_line(line)
