@@ -5,6 +5,7 @@ The wall's markers say where the camera really was; the aircraft's own poses say
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable
@@ -28,6 +29,8 @@ ORDER_TIMEOUT_S = 15.0
 RETURN_M_S = 1.0
 _PEAK_SPEED = 1.875
 """Of a minimum-jerk leg over its mean."""
+
+_log = logging.getLogger(__name__)
 
 
 class Wall(Protocol):
@@ -70,7 +73,7 @@ class WallFlights:
         self._drone = drone
         self._camera = camera
         self._wall = wall
-        self._loop = FlightLoop(drone, video, aborted, clock)
+        self._loop = FlightLoop(drone, video, aborted, clock, _log.warning)
         self._clock = clock
         self._far_m = 0.0
 

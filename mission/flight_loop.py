@@ -32,15 +32,22 @@ class FlightLoop:
         video: its camera's pictures.
         aborted: answers True as soon as the operator wants an end.
         clock: the program's clock, seconds.
+        caution: is told what the autopilot would do that the operator may not expect.
     """
 
     def __init__(
-        self, drone: Drone, video: VideoSource, aborted: Callable[[], bool], clock: Callable[[], float]
+        self,
+        drone: Drone,
+        video: VideoSource,
+        aborted: Callable[[], bool],
+        clock: Callable[[], float],
+        caution: Callable[[str], None],
     ) -> None:
         self._drone = drone
         self._video = video
         self._aborted = aborted
         self._clock = clock
+        self._caution = caution
         self._order: Order | None = None
         self._last_index = -1
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sidestep-work")
@@ -123,6 +130,8 @@ class FlightLoop:
             if event.kind in ("pilot", "failsafe", "deadman", "pilot-process-lost"):
                 self.ours = False
                 raise FlightEnded(event.text, "Give the order again when the aircraft is yours.")
+            if event.kind == "caution":
+                self._caution(event.text)
             if event.kind == "link-lost":
                 raise LinkError(event.text, "Check the link; the autopilot's own failsafe holds the aircraft.")
         if self._aborted():

@@ -76,7 +76,7 @@ class Locate:
         self._settings = settings
         self._watcher = watcher
         self._clock = clock
-        self._loop = FlightLoop(drone, video, aborted, clock)
+        self._loop = FlightLoop(drone, video, aborted, clock, partial(watcher.stage, Stage.HOVER))
         self._tracker = tracker
         self._offset: TimeOffset | None = None
         self._unsaved: FlightRecord | None = None

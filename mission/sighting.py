@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mission.camera.camera import Camera
 from mission.camera.model import CameraModel
 from mission.pose import Pose
-from mission.records import Sighting, Vector
+from mission.records import Matrix, Sighting, Vector
 from mission.track import Track
 
 
@@ -22,6 +24,14 @@ def camera_position(pose: Pose, camera: Camera) -> Vector:
     """Where the camera was, ENU, shape (3,)."""
     body = Rotation.from_quat(pose.world_from_body_wxyz, scalar_first=True)
     return np.asarray(pose.position_enu_m + body.apply(np.asarray(camera.mounting.position_body_m)))
+
+
+def cameras_at(poses: Sequence[Pose], camera: Camera) -> tuple[Rotation, Matrix]:
+    """World_from_camera and ENU positions (n, 3) of many poses at once."""
+    body = Rotation.from_quat(np.array([pose.world_from_body_wxyz for pose in poses]), scalar_first=True)
+    turned = body * Rotation.from_quat(camera.mounting.body_from_camera_wxyz, scalar_first=True)
+    place = np.array([pose.position_enu_m for pose in poses]) + body.apply(np.asarray(camera.mounting.position_body_m))
+    return turned, np.asarray(place, dtype=np.float64)
 
 
 def sighting(track: Track, t_s: float, pose: Pose, camera: Camera) -> Sighting:

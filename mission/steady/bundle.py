@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csc_array
 
 from mission.records import Matrix, Vector
 from mission.steady.rotations import cross_matrix, exponential, rotation_logarithm
@@ -328,8 +329,6 @@ def _held(position_m: Matrix, stiffness: float) -> NDArray[np.float64]:
 
 def summed(values: NDArray[np.float64], group: NDArray[np.intp], groups: int) -> NDArray[np.float64]:
     """The sum of the rows of each group."""
-    flat = values.reshape(len(values), -1)
-    total = np.empty((groups, flat.shape[1]))
-    for column in range(flat.shape[1]):
-        total[:, column] = np.bincount(group, flat[:, column], minlength=groups)
-    return total.reshape(groups, *values.shape[1:])
+    ones, ends = np.ones(len(values)), np.arange(len(values) + 1)
+    total = csc_array((ones, group, ends), shape=(groups, len(values))) @ values.reshape(len(values), -1)
+    return np.asarray(total).reshape(groups, *values.shape[1:])

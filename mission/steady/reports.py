@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mission.camera.camera import Camera
 from mission.pose import Pose
 from mission.records import Matrix, NoiseModel, Vector
-from mission.sighting import camera_position, world_from_camera
+from mission.sighting import cameras_at
 from mission.steady.bundle import Cameras
 from mission.steady.rotations import rotation_logarithm
 from mission.steady.similarity import PosePrior
@@ -84,30 +84,32 @@ class Reports:
             camera: for its mounting.
             times_s: ascending telemetry times.
         """
-        kept, rotation, position, turn_rate, velocity, told = [], [], [], [], [], []
+        kept: list[int] = []
+        poses: list[Pose] = []
         for number, t_s in enumerate(times_s.tolist()):
             now = pose_at(t_s)
             if now is None:
                 continue
             before, after = pose_at(t_s - _RATE_SPAN_S) or now, pose_at(t_s + _RATE_SPAN_S) or now
-            span = max(after.t_s - before.t_s, 1e-3)
-            turned = world_from_camera(before, camera).inv() * world_from_camera(after, camera)
             kept.append(number)
-            rotation.append(world_from_camera(now, camera).as_matrix())
-            position.append(camera_position(now, camera))
-            turn_rate.append(turned.as_rotvec() / span)
-            velocity.append((camera_position(after, camera) - camera_position(before, camera)) / span)
-            told.append(now.velocity_enu_m_s)
+            poses.extend((before, now, after))
         places = np.array(kept, dtype=np.intp)
         shape = (len(kept), 3)
+        if not kept:
+            nothing = np.zeros(shape)
+            return cls(Cameras(times_s[places], np.zeros((0, 3, 3)), nothing, nothing, nothing), nothing), places
+        rotation, position = cameras_at(poses, camera)
+        span = np.maximum(
+            np.array([after.t_s - before.t_s for before, after in zip(poses[::3], poses[2::3], strict=True)]), 1e-3
+        )
         cameras = Cameras(
             times_s[places],
-            np.array(rotation).reshape(-1, 3, 3),
-            np.array(position).reshape(shape),
-            np.array(turn_rate).reshape(shape),
-            np.array(velocity).reshape(shape),
+            rotation[1::3].as_matrix(),
+            position[1::3],
+            (rotation[::3].inv() * rotation[2::3]).as_rotvec() / span[:, None],
+            (position[2::3] - position[::3]) / span[:, None],
         )
-        speed = np.array(told).reshape(shape)
+        speed = np.array([now.velocity_enu_m_s for now in poses[1::3]])
         way = np.zeros(shape)
         if len(kept) > 1:
             steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(cameras.t_s)[:, None]

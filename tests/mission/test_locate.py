@@ -21,9 +21,11 @@ class Notes:
     stages: list[Stage] = field(default_factory=list)
     flights: list[FlightSightings] = field(default_factory=list)
     answers: list[Located] = field(default_factory=list)
+    texts: list[str] = field(default_factory=list)
     frames: int = 0
 
     def stage(self, stage: Stage, text: str) -> None:
+        self.texts.append(text)
         if not self.stages or self.stages[-1] is not stage:
             self.stages.append(stage)
 
@@ -201,3 +203,17 @@ def test_a_repeated_sidestep_follows_the_target_and_answers_each_time() -> None:
     truth = scene.walker.at(located.estimate.t_s)
     assert np.linalg.norm(located.estimate.position_enu_m[:2] - truth[:2]) < 0.05
     assert located.estimate.depth_m == pytest.approx(scene.notes.answers[0].estimate.depth_m, abs=1.5)
+
+
+def test_a_second_sidestep_says_which_one_it_continues() -> None:
+    scene = Scene(velocity=(0.0, 0.6))
+    scene.settings = scene.settings.model_copy(update={"repeat": 2})
+    scene.run()
+    assert [flight.continues for flight in scene.notes.flights] == [None, "test-1"]
+
+
+def test_what_the_autopilot_would_do_is_said_before_the_flight() -> None:
+    scene = Scene()
+    scene.drone.seize("caution", "should the pilot process die, PX4 lands")
+    scene.run()
+    assert "should the pilot process die, PX4 lands" in scene.notes.texts
