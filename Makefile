@@ -31,7 +31,7 @@ bench: $(VENV)/installed
 	$(BIN)/python -m pytest tests/bench --benchmark-only
 
 soak: $(VENV)/installed
-	$(BIN)/python -m pytest -m soak tests/soak
+	$(BIN)/python -m pytest -m soak
 
 lock:
 	rm -rf $(VENV)

@@ -21,7 +21,7 @@ from mission.records import (
     Sighting,
     TargetPrior,
 )
-from mission.sighting import camera_position, sighting, sighting_from
+from mission.sighting import cameras_at, sighting, sighting_from
 from mission.steady import Steadied, SteadiedPose, Steadier
 from mission.track import Track
 from mission.track.noise import PIXEL_CORRELATION_S, SIZE_CORRELATION_S
@@ -171,9 +171,7 @@ class FlightRecord:
 
     def drone_track(self, pose_at: Callable[[float], Pose | None], offset_s: float) -> Matrix:
         """Camera path over the sidestep: rows of time, east, north, up; shape (n, 4)."""
-        rows = []
-        for seen in self.seen:
-            pose = pose_at(seen.t_s - offset_s)
-            if pose is not None:
-                rows.append([pose.t_s, *camera_position(pose, self.camera).tolist()])
-        return np.array(rows).reshape(-1, 4)
+        poses = [pose for pose in (pose_at(seen.t_s - offset_s) for seen in self.seen) if pose is not None]
+        if not poses:
+            return np.zeros((0, 4))
+        return np.column_stack((np.array([pose.t_s for pose in poses]), cameras_at(poses, self.camera)[1]))

@@ -21,6 +21,7 @@ def scenario() -> Scenario:
     return Scenario.model_validate(content)
 
 
+@pytest.mark.soak
 @pytest.mark.flight
 def test_an_operator_takes_off_and_locates_a_person_with_mavproxy_alone(tmp_path: Path) -> None:
     with simulation(scenario(), tmp_path) as running:

@@ -1,4 +1,4 @@
-"""The long tests run only when they are asked for (``pytest -m soak tests/soak``); their figures end the run."""
+"""The figures of the long tests end their run (``make soak``)."""
 
 from __future__ import annotations
 
@@ -9,16 +9,6 @@ import pytest
 
 Note = Callable[[str, list[float]], None]
 _FIGURES: list[str] = []
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """The marker is this folder's own."""
-    config.addinivalue_line("markers", "soak: minutes to an hour, with figures at the end")
-
-
-def pytest_ignore_collect(config: pytest.Config) -> bool | None:
-    """Left alone in an ordinary run."""
-    return None if "soak" in str(config.getoption("markexpr")) else True
 
 
 @pytest.fixture

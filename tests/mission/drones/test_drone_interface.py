@@ -254,6 +254,7 @@ def test_hold_gives_control_back(flown: Flown) -> None:
     flown.hovers()
 
 
+@pytest.mark.soak
 def test_without_its_pilot_process_it_stops_by_itself(flown: Flown) -> None:
     """The last that flies: the autopilot's failsafe or the AR.Drone's watchdog acts; a new connection can land it."""
     flown.hovers()

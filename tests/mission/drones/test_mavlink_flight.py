@@ -256,22 +256,28 @@ def test_an_operators_fly_here_in_guided_ends_the_pattern(fleet: Fleet) -> None:
 
 
 def test_20_percent_packet_loss_is_flown_with_and_40_percent_is_not(fleet: Fleet) -> None:
+    # Which is noticed first is up to chance: the share that is lost, or that nothing new came for too long.
+    reasons = ("of the packets, more than 30 %", "no longer received", "is not heard")
+
     def check(aircraft: Aircraft) -> None:
         bench = aircraft.bench
         bench.relay.set(LinkFaults(loss=0.2, duplicate=0.05, reorder=0.05))
-        bench.fly(into_s=1.0)
-        bench.relay.set(LinkFaults(loss=0.4))
-        assert bench.until(lambda: bool(bench.program.said("link-lost")), 4.0)
-        assert "of the packets, more than 30 %" in bench.program.said("link-lost")[0]["text"]
-        assert bench.until(lambda: bench.mode() in HOLDS, 4.0)
-        assert bench.comes_to_rest()
-        bench.program.forget()
-        bench.program.tell("fly 1.8")
-        news = bench.program.wait_for("order")
-        assert (news["order"], news["state"]) == ("hover", "refused")
-        assert "of the packets, more than 30 %" in news["reason"]
-        bench.relay.set(LinkFaults())
-        bench.drop_program()
+        try:
+            bench.fly(into_s=1.0)
+            bench.relay.set(LinkFaults(loss=0.4))
+            assert bench.until(lambda: bool(bench.program.said("link-lost")), 4.0)
+            text = bench.program.said("link-lost")[0]["text"]
+            assert any(reason in text for reason in reasons), text
+            assert bench.until(lambda: bench.mode() in HOLDS, 4.0)
+            assert bench.comes_to_rest()
+            bench.program.forget()
+            bench.program.tell("fly 1.8")
+            news = bench.program.wait_for("order")
+            assert (news["order"], news["state"]) == ("hover", "refused")
+            assert any(reason in news["reason"] for reason in reasons), news["reason"]
+        finally:
+            bench.relay.set(LinkFaults())
+            bench.drop_program()
 
     each(fleet, check)
 

@@ -111,6 +111,7 @@ def test_a_broken_relayed_packet_is_passed_over(datagram: bytes) -> None:
     assert relayed(datagram) is None
 
 
+@pytest.mark.soak
 @pytest.mark.flight
 def test_on_a_wifi_that_loses_doubles_and_reorders_it_completes_or_hovers_with_a_reason() -> None:
     ring = TruthRing.create(seconds=60, rate_hz=200)

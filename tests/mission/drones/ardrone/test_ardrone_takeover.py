@@ -12,7 +12,7 @@ from mission.drones.ardrone.ardrone import ARDrone
 from mission.drones.drone import Bounds, DroneEvent, Knot, Order, OrderState, Path
 from sitl.ardrone import ArdroneConfig, start_ardrone
 
-pytestmark = pytest.mark.flight
+pytestmark = [pytest.mark.flight, pytest.mark.soak]
 
 FINAL = (OrderState.DONE, OrderState.REFUSED, OrderState.ENDED)
 FAR = Path((Knot(0.0, (0, 0, 0), (0, 0, 0)), Knot(8.0, (4.0, 0, 0), (0, 0, 0))))
