@@ -109,7 +109,9 @@ def scored(running: Simulation, report: Path, exit_code: int, said: list[str]) -
         said: the lines that it printed.
     """
     scenario, ring = running.scenario, running.ring
-    folders = sorted(path.parent for path in (report / "flights").glob("*/answer.json"))
+    # A local answer, without a place on the earth, has no geotag and so no answer.json.
+    told = [path for name in ("answer.json", "estimate.json") for path in (report / "flights").glob(f"*/{name}")]
+    folders = sorted({path.parent for path in told})
     content = {**_json(folders[-1] / "answer.json"), **_json(folders[-1] / "estimate.json")} if folders else {}
     answer = content.get("estimate")
     timing = content.get("timing")

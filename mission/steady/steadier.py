@@ -243,7 +243,8 @@ def _noise(solved: _Solved, stated: NoiseModel) -> NoiseModel:
         # The pictures tie the attitude to the path: what is left is turned with it, all together.
         heading_bias_sigma_rad=heading,
         tilt_bias_sigma_rad=tilt,
-        position_scale_sigma=math.sqrt(float(open_[0, 0])),
-        world_heading_sigma_rad=math.sqrt(float(open_[3, 3])),
-        world_tilt_sigma_rad=math.sqrt(float(0.5 * (open_[1, 1] + open_[2, 2]))),
+        # What errs all along is not seen in how the reports differ from the pictures.
+        position_scale_sigma=math.hypot(stated.position_scale_sigma, math.sqrt(open_[0, 0])),
+        world_heading_sigma_rad=math.hypot(stated.world_heading_sigma_rad, math.sqrt(open_[3, 3])),
+        world_tilt_sigma_rad=math.hypot(stated.world_tilt_sigma_rad, math.sqrt(0.5 * (open_[1, 1] + open_[2, 2]))),
     )

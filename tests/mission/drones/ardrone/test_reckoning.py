@@ -170,9 +170,11 @@ def test_a_compass_heading_of_unknown_declination_is_worse() -> None:
 def test_without_a_place_on_earth_the_compass_still_errs() -> None:
     reckoning = Reckoning()
     fly(reckoning, 10, lambda _: demo())
-    assert noise_model(reckoning, declination_known=False).heading_bias_sigma_rad == pytest.approx(0.035)
+    assert noise_model(reckoning, declination_known=False).world_heading_sigma_rad == 0.0
     fly(reckoning, 10, lambda _: demo(), first=11, start_s=5.1, magneto=Magneto(0.2, calibrated=True))
-    assert noise_model(reckoning, declination_known=False).heading_bias_sigma_rad == pytest.approx(math.radians(5.0))
+    noise = noise_model(reckoning, declination_known=False)
+    assert noise.world_heading_sigma_rad == pytest.approx(math.radians(5.0)), "the reckoned path turns with it"
+    assert noise.position_scale_sigma > 0.0
 
 
 @pytest.mark.parametrize(
