@@ -41,6 +41,9 @@ _START_PX = 20.0
 """How far off points may be at first: a heading that wanders by two degrees."""
 _WORST_PX = 3.0
 _HEADING_CORRELATION_S = 2.0
+_DIRECTION_SIGMA_RAD = math.radians(0.4)
+"""How far the path's direction, seen from the camera, is turned for a whole flight: 0.4 deg rms on rendered flights,
+many times what the points tell, because the distances that go with it err together."""
 _MARGIN = 1.5
 """Points also err together, in ways that their own residuals do not show: the path was found to be off by 1.5 times
 what they tell, the heading by what they tell."""
@@ -240,8 +243,8 @@ def _noise(solved: _Solved, stated: NoiseModel) -> NoiseModel:
         heading_correlation_s=_HEADING_CORRELATION_S,
         tilt_sigma_rad=tilt,
         tilt_correlation_s=_HEADING_CORRELATION_S,
-        # The pictures tie the attitude to the path: what is left is turned with it, all together.
-        heading_bias_sigma_rad=heading,
+        # The pictures tie the attitude to the path: most of what is left is turned with it, all together.
+        heading_bias_sigma_rad=math.hypot(heading, _DIRECTION_SIGMA_RAD),
         tilt_bias_sigma_rad=tilt,
         # What errs all along is not seen in how the reports differ from the pictures.
         position_scale_sigma=math.hypot(stated.position_scale_sigma, math.sqrt(open_[0, 0])),
