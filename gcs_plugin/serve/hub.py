@@ -91,7 +91,7 @@ def main(arguments: list[str]) -> int:
     os.write(said, b"ready\n")
     while os.read(0, 4096):  # ends when the parent does
         continue
-    time.sleep(FAREWELL_S)
+    time.sleep(FAREWELL_S)  # the vehicles behind it hold and say so meanwhile
     mavsdk.destroy()
     return 0
 
