@@ -129,14 +129,14 @@ class Answer:
         if self._link is not None and located.geodetic:
             self._link.send(self._geo_status(located, published))
         self._timing["last_frame_to_geotag_s"] = self._times.clock() - located.last_frame_s
-        self._give_back("roi")
+        self._give_back("roi", located)
         self._timing["last_frame_to_roi_s"] = self._times.clock() - located.last_frame_s
         self._attempt("ADSB marker", self._show_as_traffic)
         self._say_result()
 
     def finish(self, located: Located) -> None:
         """After the aircraft holds: the waypoint, the pictures and `answer.json`."""
-        self._give_back("waypoint")
+        self._give_back("waypoint", located)
         if self.geotag is not None:
             tag = self.geotag
             self._attempt("answer.json", lambda: self._folder.write_answer(tag))
@@ -216,10 +216,14 @@ class Answer:
             geoid_separation_m=self._drone.telemetry().geoid_separation_m,
         )
 
-    def _give_back(self, what: What) -> None:
-        """To the autopilot, where the settings want it done without being asked for."""
+    def _give_back(self, what: What, located: Located) -> None:
+        """To the autopilot, where the settings want it done without being asked for; not when others have it now."""
         tag, push_back = self.geotag, self._push_back
-        if tag is not None and push_back is not None and push_back.automatic(what):
+        if tag is None or push_back is None or not push_back.automatic(what):
+            return
+        if located.ended:
+            self._tell(WORDS[what], f"not sent: the aircraft is not ours any more ({located.ended})")
+        else:
             self._attempt(WORDS[what], lambda: self._tell(WORDS[what], push_back.do(what, tag)))
 
     def _show_as_traffic(self) -> None:

@@ -22,6 +22,7 @@ from mission.located import Located, TargetChoice, Watcher
 from mission.pointing import TargetTracker
 from mission.settings import CameraSettings, MissionSettings
 from mission.video import VideoSource, open_video
+from mission.video.square import with_square_pixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class Equipment:
 
 
 def open_camera(settings: MissionSettings, warn: Callable[[str], None]) -> tuple[VideoSource, Camera]:
-    """The video and the camera that makes it; loud when the camera is not calibrated.
+    """The video and the camera that makes it, both with square pixels; loud when the camera is not calibrated.
 
     Raises:
         VideoError: there is no picture.
@@ -60,7 +61,7 @@ def open_camera(settings: MissionSettings, warn: Callable[[str], None]) -> tuple
             f"WARNING: the camera is not calibrated; using {settings.camera.hfov_deg:.1f} deg of view. "
             "Errors grow, and the ellipse with them: run `sidestep calibrate`."
         )
-    return source, camera
+    return with_square_pixels(source, camera)
 
 
 def known_camera(settings: MissionSettings) -> Camera:

@@ -27,7 +27,7 @@ UNRESOLVED_SIGMAS: Final = 2.0
 
 
 class Inbox(Protocol):
-    """Messages as they come (`mission.drones.link.Mailbox`)."""
+    """Messages as they come (`mission.drones.mailbox.Mailbox`)."""
 
     def get(self, timeout_s: float) -> Message | None:
         """The oldest one not taken yet, or None after a time without any."""

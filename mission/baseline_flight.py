@@ -8,13 +8,14 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
-from mission.camera.baseline import IMAGES, INTERVAL_S, WallRun, travel_of
+from mission.camera.baseline import DELAYS_S, HOVER_S, IMAGES, INTERVAL_S, WallRun, travel_of, video_delay
 from mission.camera.camera import Camera
 from mission.camera.wall import WallSight
 from mission.drones.drone import Bounds, Drone
@@ -27,6 +28,7 @@ from mission.video import VideoSource
 
 ORDER_TIMEOUT_S = 15.0
 RETURN_M_S = 1.0
+_POSE_STEP_S = 0.02
 _PEAK_SPEED = 1.875
 """Of a minimum-jerk leg over its mean."""
 
@@ -111,24 +113,42 @@ class WallFlights:
 
     def _out(self, side: Vector) -> WallFlight:
         path = paper_path(side)
-        began = self._drone_pose().position_enu_m
-        order = self._drone.fly(path)
-        self._loop.fly(order)
         times: list[float] = []
         sights: list[WallSight] = []
-        for frame in self._loop.until_done(path.duration_s + ORDER_TIMEOUT_S):
-            sight = self._look(frame)
+
+        def look(frame: Frame) -> None:
+            sight = self._wall.look(frame.image, self._camera.intrinsics)
             if sight is not None and (not times or frame.t_s > times[-1]):
                 times.append(frame.t_s)
                 sights.append(sight)
+
+        # From before the start on: image 0 lies between two pictures also where they come late.
+        for frame in self._loop.frames(HOVER_S):
+            look(frame)
+        began = self._drone_pose().position_enu_m
+        order = self._drone.fly(path)
+        self._loop.fly(order)
+        for frame in self._loop.until_done(path.duration_s + ORDER_TIMEOUT_S):
+            look(frame)
         self._far_m = float(np.linalg.norm((self._drone_pose().position_enu_m - began)[:2]))
         if order.started_s is None:
             raise LinkError("the aircraft did not say when the pattern began", "Try again.")
-        true = travel_of(WallRun(order.started_s, np.array(times), tuple(sights)))
-        return WallFlight(true, self._reckoned(order.started_s))
+        run = WallRun(order.started_s, np.array(times), tuple(sights))
+        # Beside the loop: the aircraft holds when the program is silent for half a second.
+        return self._loop.meanwhile(partial(self._flight, run, began, side))
 
-    def _look(self, frame: Frame) -> WallSight | None:
-        return self._wall.look(frame.image, self._camera.intrinsics)
+    def _flight(self, run: WallRun, began: Vector, side: Vector) -> WallFlight:
+        stamped = run.times_s - self._delay_s(run.times_s, run.sights, began, side)
+        return WallFlight(travel_of(replace(run, times_s=stamped)), self._reckoned(run.started_s))
+
+    def _delay_s(self, times_s: Vector, sights: Sequence[WallSight], began: Vector, side: Vector) -> float:
+        """Of the video against the poses: nobody tells the camera's latency to better than a tenth of a second."""
+        if not sights:
+            return 0.0
+        asked = np.arange(times_s[0] - DELAYS_S[1], times_s[-1] - DELAYS_S[0], _POSE_STEP_S)
+        poses = [self._drone.pose_at(float(t_s)) for t_s in asked]
+        reckoned = [math.nan if pose is None else float((pose.position_enu_m - began) @ side) for pose in poses]
+        return video_delay(times_s, np.array([sight.position_m[0] for sight in sights]), asked, np.array(reckoned))
 
     def _reckoned(self, started_s: float) -> Vector:
         places = []

@@ -45,6 +45,10 @@ class FlightEnded(SidestepError):
     """The flight ended before it was done: the pilot took over, a failsafe fired, or an abort was ordered."""
 
 
+class Aborted(FlightEnded):
+    """The operator wants no more of it."""
+
+
 class EstimateRefused(SidestepError):
     """The sightings cannot support a position; the cause and the remedy are named."""
 

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TypeVar
 
 from mission.drones.drone import Drone, Order, OrderState
-from mission.errors import FlightEnded, FlightRefused, LinkError, VideoError
+from mission.errors import Aborted, FlightEnded, FlightRefused, LinkError, SidestepError, VideoError
 from mission.records import Frame
 from mission.video import VideoSource
 
@@ -109,6 +109,27 @@ class FlightLoop:
             wait((future,), timeout=FRAME_WAIT_S)
         return future.result()
 
+    def through(self, work: Callable[[], Result]) -> tuple[Result, SidestepError | None]:
+        """The same for work that takes no flying and is worth its end whoever has the aircraft by then.
+
+        Returns:
+            What the work returns, and what ended the flight meanwhile.
+
+        Raises:
+            Aborted: the operator wants no more of it; at once.
+            SidestepError: what the work raises.
+        """
+        future, ended = self._worker.submit(work), None
+        while not future.done():
+            try:
+                self._check()
+            except Aborted:
+                raise
+            except (FlightEnded, LinkError) as error:
+                ended = ended or error
+            wait((future,), timeout=FRAME_WAIT_S)
+        return future.result(), ended
+
     def give_back(self, timeout_s: float = 5.0) -> str:
         """Order hold, unless somebody else has the aircraft; wait until it holds.
 
@@ -122,6 +143,7 @@ class FlightLoop:
         deadline = self._clock() + timeout_s
         while order.state in (OrderState.PENDING, OrderState.FLYING) and self._clock() < deadline:
             self._drone.telemetry()
+            self._aborted()  # it holds already; but ground stations are served in there
             self._video.latest(self._last_index, FRAME_WAIT_S)
         return "" if order.state is OrderState.DONE else order.reason or "no answer"
 
@@ -135,7 +157,7 @@ class FlightLoop:
             if event.kind == "link-lost":
                 raise LinkError(event.text, "Check the link; the autopilot's own failsafe holds the aircraft.")
         if self._aborted():
-            raise FlightEnded("aborted by the operator")
+            raise Aborted("aborted by the operator")
         if not self._drone.telemetry().connected:
             raise LinkError("telemetry stopped", "Check the link; the autopilot's own failsafe holds the aircraft.")
         order = self._order

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from mission.camera.camera import Camera
 from mission.pose import Pose
@@ -22,7 +21,7 @@ from mission.records import (
     TargetPrior,
 )
 from mission.sighting import cameras_at, sighting, sighting_from
-from mission.steady import Steadied, SteadiedPose, Steadier
+from mission.steady import Steadied, Steadier, rows_at
 from mission.track import Track
 from mission.track.noise import PIXEL_CORRELATION_S, SIZE_CORRELATION_S
 
@@ -123,35 +122,32 @@ class FlightRecord:
             prior: what is known of the target.
             steadied: the poses by the background; used, with their own noise, where they were had.
         """
-        by_frame: dict[float, SteadiedPose] = {}
-        if steadied is not None and steadied.reason is None:
-            by_frame, pose_noise = {pose.t_s: pose for pose in steadied.poses}, steadied.noise
-        noise = self._noise(pose_noise)
-        lens_px = self._noise(replace(pose_noise, pixel_sigma_px=0.0)).pixel_sigma_px
+        used = steadied if steadied is not None and steadied.reason is None else None
+        noise = pose_noise if used is None else used.noise
+        lens_px = self._noise(replace(noise, pixel_sigma_px=0.0)).pixel_sigma_px
+        # Reported and steadied poses are of two worlds and are not mixed.
+        taken = self._as_reported(pose_at, offset_s) if used is None else self._as_steadied(used, offset_s)
         found: list[Sighting] = []
+        for one in taken:
+            if not found or one.t_s >= found[-1].t_s:
+                found.append(replace(one, pixel_sigma_px=float(np.hypot(one.pixel_sigma_px or 0.0, lens_px))))
+        return FlightSightings(self.id, origin, self.camera.intrinsics, tuple(found), self._noise(noise), prior)
+
+    def _as_reported(self, pose_at: Callable[[float], Pose | None], offset_s: float) -> Iterator[Sighting]:
         for seen in self._tracking():
             t_s = self.camera.row_time_s(seen.t_s - offset_s, seen.track.pixel[1])
-            taken = self._sighting(seen, t_s, pose_at, by_frame.get(seen.t_s), offset_s, bool(by_frame))
-            if taken is not None and (not found or t_s >= found[-1].t_s):
-                sigma_px = float(np.hypot(seen.track.pixel_sigma_px, lens_px))
-                found.append(replace(taken, pixel_sigma_px=sigma_px))
-        return FlightSightings(self.id, origin, self.camera.intrinsics, tuple(found), noise, prior)
+            pose = pose_at(t_s)
+            if pose is not None:
+                yield sighting(seen.track, t_s, pose, self.camera)
 
-    def _sighting(
-        self,
-        seen: Seen,
-        t_s: float,
-        pose_at: Callable[[float], Pose | None],
-        steadied: SteadiedPose | None,
-        offset_s: float,
-        steadied_only: bool,
-    ) -> Sighting | None:
-        """One sighting; reported and steadied poses are of two worlds and are not mixed."""
-        if steadied is not None:
-            position, rotation = steadied.at(t_s - (seen.t_s - offset_s))
-            return sighting_from(seen.track, t_s, position, Rotation.from_matrix(rotation))
-        pose = None if steadied_only else pose_at(t_s)
-        return None if pose is None else sighting(seen.track, t_s, pose, self.camera)
+    def _as_steadied(self, steadied: Steadied, offset_s: float) -> Iterator[Sighting]:
+        by_frame = {pose.t_s: pose for pose in steadied.poses}
+        both = [(seen, by_frame[seen.t_s]) for seen in self._tracking() if seen.t_s in by_frame]
+        times = [self.camera.row_time_s(seen.t_s - offset_s, seen.track.pixel[1]) for seen, _ in both]
+        delays = np.array([t_s - (seen.t_s - offset_s) for t_s, (seen, _) in zip(times, both, strict=True)])
+        place, turned = rows_at([pose for _, pose in both], delays)
+        for t_s, (seen, _), where, wxyz in zip(times, both, place, turned, strict=True):
+            yield sighting_from(seen.track, t_s, where, wxyz)
 
     def _tracking(self) -> list[Seen]:
         return [seen for seen in self.seen if seen.track.state == "tracking"]

@@ -15,7 +15,7 @@ from functools import partial
 from mission.camera.camera import Camera
 from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
 from mission.centring import Centring
-from mission.detect import Detector, choose
+from mission.detect import Confirmation, Detector, choose
 from mission.drones.drone import Drone
 from mission.errors import DetectionError, EstimateRefused, FlightEnded, LinkError, VideoError
 from mission.estimate import ESTIMATORS
@@ -26,14 +26,12 @@ from mission.flight_record import FlightRecord
 from mission.located import Located, Stage, TargetChoice, Watcher
 from mission.pattern import fitted, lateral_path
 from mission.pointing import Pointing, TargetTracker
-from mission.records import Detection, FlightSightings, GeodeticOrigin, NoiseModel, TargetPrior
+from mission.records import FlightSightings, GeodeticOrigin, NoiseModel, TargetPrior
 from mission.reposition import follow_path
 from mission.settings import MissionSettings
 from mission.steady import Steadied
 from mission.video import VideoSource
 
-SAME_PERSON = 0.3
-"""Overlap of two looks' boxes that are the same person."""
 POSE_AGE_S = 0.2
 """A pose this old is in the buffer on both of its sides."""
 ORDER_TIMEOUT_S = 15.0
@@ -110,6 +108,8 @@ class Locate:
             self._offset = self._centre()
             located = self._estimate(self._sidestep(f"{flight_id}-1"))
             for number in range(2, self._settings.repeat + 1):
+                if located.ended:
+                    break
                 self._reposition(located)
                 located = self._estimate(self._sidestep(f"{flight_id}-{number}"))
             return located
@@ -136,21 +136,25 @@ class Locate:
     def _acquire(self, choice: TargetChoice) -> None:
         """Look for people until one is seen in two looks running, and start tracking the chosen one."""
         self._watcher.stage(Stage.DETECT, "looking for a person")
-        before: list[Detection] = []
+        confirmation = Confirmation()
+        refused: DetectionError | None = None
         timeout_s = self._settings.detect.timeout_s
         for frame in self._loop.frames(timeout_s):
             found = self._loop.meanwhile(partial(self._detector.detect, frame.image))
             self._watcher.frame(frame, None)
-            steady = [d for d in found if any(d.box.overlap(other.box) > SAME_PERSON for other in before)]
-            before = found
+            steady = confirmation.confirmed(found)
             if steady:
                 height, width = frame.image.shape[:2]
                 target = choose(steady, (width, height), choice.box, choice.point)
-                self._loop.meanwhile(partial(self._tracker.start, frame, target.box))
+                try:
+                    self._loop.meanwhile(partial(self._tracker.start, frame, target.box))
+                except DetectionError as error:
+                    refused = error  # the detector took something else for a person; the next look may show more
+                    continue
                 others = f" (and {len(steady) - 1} more in view)" if len(steady) > 1 else ""
                 self._watcher.stage(Stage.DETECT, f"found a person{others}")
                 return
-        raise DetectionError(
+        raise refused or DetectionError(
             f"no person found in {timeout_s:.0f} s", "Turn the camera towards the person, or fly nearer (HOG: 11 m)."
         )
 
@@ -207,10 +211,14 @@ class Locate:
 
     def _estimate(self, record: FlightRecord) -> Located:
         self._watcher.stage(Stage.ESTIMATE, f"estimating from {len(record.seen)} frames")
-        located = self._loop.meanwhile(partial(self._answer, record, self._loop.last_frame_s))
-        self._watcher.stage(Stage.REPORT, "reporting")
-        self._loop.meanwhile(partial(self._watcher.located, located))
-        return located
+        located, ended = self._loop.through(partial(self._answer, record, self._loop.last_frame_s))
+        if ended is None:
+            self._watcher.stage(Stage.REPORT, "reporting")
+        else:
+            located = replace(located, ended=ended.cause)
+            self._watcher.stage(Stage.REPORT, f"the flight ended here ({ended.cause}); reporting what was seen")
+        _, afterwards = self._loop.through(partial(self._watcher.located, located))
+        return located if ended is not None or afterwards is None else replace(located, ended=afterwards.cause)
 
     def _answer(self, record: FlightRecord, last_frame_s: float) -> Located:
         offset_s = self._pointing.offset_s
@@ -255,9 +263,18 @@ class Locate:
         noise = self._drone.noise()
         video = self._settings.video
         if self._offset is None and video.check_offset and video.latency_s is None and not self._camera.latency_s:
-            noise = replace(
-                noise,
-                heading_sigma_rad=math.hypot(noise.heading_sigma_rad, UNKNOWN_OFFSET_RAD),
-                tilt_sigma_rad=math.hypot(noise.tilt_sigma_rad, UNKNOWN_OFFSET_RAD / 2.0),
-            )
+            return offset_unknown(noise)
         return noise
+
+
+def offset_unknown(noise: NoiseModel) -> NoiseModel:
+    """The noise of the pose at a frame's time when nobody knows how late the video is.
+
+    Args:
+        noise: of the reported pose at its own time.
+    """
+    return replace(
+        noise,
+        heading_sigma_rad=math.hypot(noise.heading_sigma_rad, UNKNOWN_OFFSET_RAD),
+        tilt_sigma_rad=math.hypot(noise.tilt_sigma_rad, UNKNOWN_OFFSET_RAD / 2.0),
+    )

@@ -72,13 +72,6 @@ class PoseBuffer:
             self._positions.clear()
             self._attitudes.clear()
 
-    def newest_s(self) -> float | None:
-        """The newest time at which a pose can be had (the older of the two streams' ends)."""
-        with self._lock:
-            if not self._positions.times or not self._attitudes.times:
-                return None
-            return min(self._positions.times[-1], self._attitudes.times[-1])
-
     def at(self, t_s: float, position_covariance_m2: Matrix, attitude_covariance_rad2: Matrix) -> Pose | None:
         """The pose at a time, or None across a gap or outside what was received.
 

@@ -36,13 +36,15 @@ def cameras_at(poses: Sequence[Pose], camera: Camera) -> tuple[Rotation, Matrix]
 
 def sighting(track: Track, t_s: float, pose: Pose, camera: Camera) -> Sighting:
     """The sighting of a track at the time `t_s` at which its row was exposed, with the pose of that time."""
-    return sighting_from(track, t_s, camera_position(pose, camera), world_from_camera(pose, camera))
+    return sighting_from(
+        track, t_s, camera_position(pose, camera), world_from_camera(pose, camera).as_quat(scalar_first=True)
+    )
 
 
-def sighting_from(track: Track, t_s: float, position_enu_m: Vector, turned: Rotation) -> Sighting:
-    """The same with the camera's own place, ENU (3,), and its attitude (world_from_camera)."""
+def sighting_from(track: Track, t_s: float, position_enu_m: Vector, world_from_camera_wxyz: Vector) -> Sighting:
+    """The same with the camera's own place, ENU (3,), and its attitude as a quaternion (4,)."""
     east, north, up = position_enu_m.tolist()
-    w, x, y, z = turned.as_quat(scalar_first=True).tolist()
+    w, x, y, z = world_from_camera_wxyz.tolist()
     return Sighting(
         t_s=t_s,
         position_enu_m=(east, north, up),

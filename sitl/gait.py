@@ -1,17 +1,17 @@
 """How a person walks: cadence from speed, the feet's path over the stride, swinging arms, an idle sway when standing.
 
-Published figures that shape it:
+What is published and what is chosen:
 
-- Cadence: step length / cadence = 0.0065 m/(step/min), which people keep over their range of speeds (N. Sekiya and
-  H. Nagasaki, *Gait & Posture* 7 (1998) 225-227).
-- Feet: heel strike, foot flat, heel rise and toe-off with their share of the stride and the foot's pitch (J. Perry and
-  J. Burnfield, *Gait Analysis*, 2nd ed. 2010; D. A. Winter, *Biomechanics and Motor Control of Human Movement*, 4th ed.
-  2009).
+- Cadence: people keep their walk ratio (step length over cadence) at ordinary speeds; below about 1 m/s it rises (R.
+  Murakami and Y. Otaka, *J. Phys. Ther. Sci.* 29 (2017) 722). Here it is one figure at all speeds, chosen so that
+  1.35 m/s gives a stride of 1.45 m: slow walkers step a little shorter and quicker than people do.
+- Feet: a foot is on the ground for about 60 % of a stride in free walking (J. Perry, "Normal Gait", in *Atlas of Limb
+  Prosthetics*, 2nd ed., chapter 13). When the heel rises, and how far the foot pitches and lifts, are chosen.
 - Hip and knee follow from the feet and the pelvis (two-link leg), so that the planted foot does not slide; the tests
-  hold the angles that come out against the normative ranges.
-- Arms: M. P. Murray et al., *Am. J. Phys. Med.* 46 (1967) 290-333.
-- Rise and fall of the trunk: about six tenths of what stiff legs would give (S. A. Gard and D. S. Childress, *Arch.
-  Phys. Med. Rehabil.* 82 (2001) 26-32 discuss why it is less).
+  hold the angles that come out against what textbooks give.
+- Arms: an arc of about 30 degrees, furthest back when the foot of the same side strikes (J. Perry, *Gait Analysis*,
+  1992, chapter 8). The curve between is chosen.
+- Rise and fall of the trunk: six tenths of what stiff legs would give, 4.6 cm at 1.35 m/s: chosen.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from sitl.body import (
 )
 
 WALK_RATIO_M_MIN = 0.0065
-"""Step length over cadence, m / (steps / min), for a body of 1.75 m."""
+"""Step length over cadence, m / (steps / min), for a body of 1.75 m; a chosen round figure."""
 
 FREE_STRIDE_M = 1.41
 """Stride of free walking (about 1.35 m/s): arms and feet swing less in shorter ones."""
@@ -155,7 +155,7 @@ class _Foot:
 
 
 def _stance_share(stride_m: float) -> float:
-    """Part of the stride in which a foot is on the ground: 0.61 in free walking, more in slow walking."""
+    """Part of the stride in which a foot is on the ground: 0.61 in free walking, and a chosen bit more in slow."""
     return 0.70 - 0.064 * min(stride_m, 2.0)
 
 

@@ -67,6 +67,8 @@
     stop_after_s = 30.0              # optional, after the walk began
     turns = [{ after_s = 4.0, by_deg = -90.0 }]   # optional, clockwise, after the walk began
     height_m = 1.75                  # 1.5 to 1.95
+    build = 1.0                      # breadth and depth of the body for its height, 0.8 to 1.3
+    stride = 1.0                     # length of the steps for the speed, 0.8 to 1.25: longer ones are fewer
     clothes = { shirt = "#b02a30", trousers = "#27324f", hair = "#2b211a", skin = "#c08a66" }   # any may be left out
 
     [[obstacles]]
@@ -77,6 +79,15 @@
     height_m = 2.2
     turn_deg = 0.0                   # 0 stands square to the line of sight
 
+    [marker_wall]                    # ArUco markers 0, 1, 2, ... of DICT_4X4_50, for `sidestep calibrate baseline`
+    distance_m = 4.0
+    bearing_deg = 30.0
+    markers = 18
+    marker_m = 0.4                   # side of one
+    spacing_m = 0.8
+    left_m = 11.0                    # marker 0, from the point straight ahead
+    middle_m = 1.0                   # above the ground
+
 Everything but `name` and the people's `distance_m` and `bearing_deg` has a default.
 """
 
@@ -85,24 +96,17 @@ from __future__ import annotations
 import math
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from mission.errors import SettingsError
 from mission.records import CameraIntrinsics, GeodeticOrigin
-
-Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
-Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
-
-
-class _Table(BaseModel):
-    """A table of the file: unknown keys are mistakes, values do not change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+from sitl.scenario_table import Degrees, Table
+from sitl.scene import Light, MarkerWall, Obstacle, Person
 
 
-class Home(_Table):
+class Home(Table):
     """The take-off point."""
 
     lat_deg: float = Field(default=47.397742, ge=-89.0, le=89.0)
@@ -116,7 +120,7 @@ class Home(_Table):
         return GeodeticOrigin(self.lat_deg, self.lon_deg, self.alt_m, "amsl")
 
 
-class Autopilot(_Table):
+class Autopilot(Table):
     """Which autopilot flies, how well it knows where it is, and the wind."""
 
     flavour: Literal["px4", "ardupilot"] = "px4"
@@ -126,7 +130,7 @@ class Autopilot(_Table):
     gust_m_s: float = Field(default=0.0, ge=0.0, le=5.0)
 
 
-class Vehicle(_Table):
+class Vehicle(Table):
     """What flies, and how the flight starts."""
 
     kind: Literal["mavlink", "ardrone"] = "mavlink"
@@ -134,7 +138,7 @@ class Vehicle(_Table):
     take_off_height_m: float = Field(default=1.6, ge=0.8, le=60.0)
 
 
-class Wifi(_Table):
+class Wifi(Table):
     """Faults of the radio link: shares of its datagrams, both ways."""
 
     loss: float = Field(default=0.0, ge=0.0, le=1.0)
@@ -142,7 +146,7 @@ class Wifi(_Table):
     reorder: float = Field(default=0.0, ge=0.0, le=1.0)
 
 
-class Ardrone(_Table):
+class Ardrone(Table):
     """What only an AR.Drone has."""
 
     gps: bool = False
@@ -152,7 +156,7 @@ class Ardrone(_Table):
     wifi: Wifi = Wifi()
 
 
-class Distortion(_Table):
+class Distortion(Table):
     """OpenCV's lens distortion."""
 
     k1: float = Field(default=0.0, ge=-0.6, le=0.6)
@@ -162,7 +166,7 @@ class Distortion(_Table):
     k3: float = Field(default=0.0, ge=-0.6, le=0.6)
 
 
-class CameraSettings(_Table):
+class CameraSettings(Table):
     """The camera and the way its pictures travel."""
 
     width_px: int = Field(default=640, ge=160, le=1920, multiple_of=2)
@@ -209,79 +213,7 @@ class CameraSettings(_Table):
         )
 
 
-class Light(_Table):
-    """How bright it is and where the sun stands."""
-
-    brightness: float = Field(default=1.0, ge=0.2, le=1.5)
-    sun_azimuth_deg: Degrees = 220.0
-    sun_elevation_deg: float = Field(default=40.0, ge=5.0, le=90.0)
-
-
-class Clothes(_Table):
-    """Colours (#rrggbb); what is left out comes from the seed."""
-
-    shirt: Colour | None = None
-    trousers: Colour | None = None
-    hair: Colour | None = None
-    skin: Colour | None = None
-
-
-class Turn(_Table):
-    """A change of direction, clockwise."""
-
-    after_s: float = Field(ge=0.0, le=600.0)
-    by_deg: Degrees
-
-
-class Person(_Table):
-    """Somebody who stands or walks."""
-
-    distance_m: float = Field(gt=0.5, le=100.0)
-    bearing_deg: Degrees
-    speed_m_s: float = Field(default=0.0, ge=0.0, le=2.5)
-    walk_from_line_of_sight_deg: Degrees | None = None
-    walk_heading_deg: Degrees | None = None
-    at: Literal["start"] | None = None
-    when: Literal["drone-moves", "drone-turns"] | None = None
-    stop_after_s: float | None = Field(default=None, ge=0.0, le=600.0)
-    turns: tuple[Turn, ...] = ()
-    height_m: float = Field(default=1.75, ge=1.5, le=1.95)
-    clothes: Clothes = Clothes()
-
-    @model_validator(mode="after")
-    def _one_direction_and_one_start(self) -> Self:
-        if self.walk_from_line_of_sight_deg is not None and self.walk_heading_deg is not None:
-            raise ValueError("give either walk_from_line_of_sight_deg or walk_heading_deg, not both")
-        if self.at is not None and self.when is not None:
-            raise ValueError('give either at = "start" or when, not both')
-        return self
-
-    @property
-    def heading_rad(self) -> float:
-        """The way the person walks or faces, clockwise from true north; by default towards the drone's start."""
-        if self.walk_heading_deg is not None:
-            return math.radians(self.walk_heading_deg)
-        off = 180.0 if self.walk_from_line_of_sight_deg is None else self.walk_from_line_of_sight_deg
-        return math.radians(self.bearing_deg + off)
-
-    @property
-    def waits_for_drone(self) -> bool:
-        """Whether the walk begins with what the drone does."""
-        return self.when is not None
-
-
-class Obstacle(_Table):
-    """Something to pass behind."""
-
-    kind: Literal["wall", "hedge", "tree"]
-    distance_m: float = Field(gt=0.5, le=100.0)
-    bearing_deg: Degrees
-    width_m: float = Field(default=1.5, gt=0.05, le=30.0)
-    height_m: float = Field(default=2.2, gt=0.1, le=15.0)
-    turn_deg: Degrees = 0.0
-
-
-class Scenario(_Table):
+class Scenario(Table):
     """A whole scenario."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9_-]{1,60}$")
@@ -295,6 +227,7 @@ class Scenario(_Table):
     light: Light = Light()
     people: tuple[Person, ...] = Field(default=(), max_length=8)
     obstacles: tuple[Obstacle, ...] = Field(default=(), max_length=20)
+    marker_wall: MarkerWall | None = None
 
     @model_validator(mode="after")
     def _one_signal(self) -> Self:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mission.records import Vector
-from sitl.scenario import Person
+from sitl.scene import Person
 
 START_S = 0.6
 """Time from standstill to full speed, and back (about one step)."""

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from typing import Any, Final, Literal
 
 from gcs_plugin.authority.rate import TokenBucket
+from gcs_plugin.authority.signature_memory import SignatureMemory
 from gcs_plugin.authority.signing import SignatureCheck
 from mission.settings import AuthoritySettings
 
@@ -47,6 +48,7 @@ class Authority:
         settings: the allowed senders and rates.
         key: of MAVLink 2 signing; None obeys unsigned orders, too.
         utc: the present time.
+        memory: of signatures' timestamps, over a restart.
     """
 
     def __init__(
@@ -54,10 +56,11 @@ class Authority:
         settings: AuthoritySettings,
         key: bytes | None = None,
         utc: Callable[[], datetime] = lambda: datetime.now(UTC),
+        memory: SignatureMemory | None = None,
     ) -> None:
         self._settings = settings
         self._allowed = frozenset(settings.allowed)
-        self._signatures = None if key is None else SignatureCheck(key, utc)
+        self._signatures = None if key is None else SignatureCheck(key, utc, memory)
         self._strangers = self._bucket()
         self._senders: dict[tuple[int, int], TokenBucket] = {}
         self._flights = TokenBucket(settings.flights_per_minute / 60.0, FLIGHT_BURST)
@@ -104,7 +107,7 @@ class Authority:
         Stations may count their timestamp on from their start, and the order may come much later.
         """
         if self._signatures is not None and self.knows(message):
-            self._signatures.fault(bytes(message.get_msgbuf()))
+            self._signatures.fault(bytes(message.get_msgbuf()), order=False)
 
     def may_fly_again(self, now_s: float) -> bool:
         """Whether one more flight may start now; if so it is counted."""

@@ -16,6 +16,7 @@ from typing import Final, Literal
 
 from pymavlink.dialects.v20 import all as mavlink
 
+from gcs_plugin.authority.signature_memory import SignatureMemory
 from mission.errors import SettingsError
 
 KEY_BYTES: Final = 32
@@ -64,19 +65,22 @@ class SignatureCheck:
     Args:
         key: 32 bytes.
         utc: the present time.
+        memory: of the timestamps before the program's start; without it a restart forgets them.
     """
 
-    def __init__(self, key: bytes, utc: Callable[[], datetime]) -> None:
+    def __init__(self, key: bytes, utc: Callable[[], datetime], memory: SignatureMemory | None = None) -> None:
         self._key = key
         self._utc = utc
-        self._newest = 0
-        self._streams: dict[tuple[int, int, int], int] = {}
+        self._memory = memory
+        self._streams = {} if memory is None else dict(memory.streams)
+        self._newest = max(self._streams.values(), default=0)
 
-    def fault(self, frame: bytes) -> Fault | None:
+    def fault(self, frame: bytes, *, order: bool = True) -> Fault | None:
         """What is wrong with a frame's signature; None when it is good, and the frame is used up then.
 
         Args:
             frame: a whole frame whose checksum is right.
+            order: whether it will be obeyed when nothing is wrong, so that it must not come again, whatever happens.
         """
         signed = (
             len(frame) > 12 + mavlink.MAVLINK_SIGNATURE_BLOCK_LEN
@@ -97,6 +101,8 @@ class SignatureCheck:
             return "old"
         self._streams[stream] = stamp
         self._newest = max(self._newest, stamp)
+        if self._memory is not None:
+            self._memory.keep(self._streams, self._utc().timestamp(), order=order)
         return None
 
     def timestamp(self) -> int:

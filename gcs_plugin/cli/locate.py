@@ -30,6 +30,7 @@ from mission.located import Located, TargetChoice
 from mission.records import Box
 from mission.settings import MissionSettings, read_settings
 from mission.track import Tracker
+from mission.video.square import SquareVideo
 
 TAKE_OFF_TIMEOUT_S = 60.0
 
@@ -93,6 +94,8 @@ def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None
         if drone.origin is None:
             progress.say("no place on earth is known (no GPS fix): the answer is local, and no geotag is logged")
         equipment = Equipment(drone, link, source, lens, detector, Tracker(), log)
+        if isinstance(source, SquareVideo):
+            choice = on_square_pixels(choice, source)
         flight = Locating(equipment, settings, choice, folder, progress, times)
         stack.callback(flight.answer.close)
         abort.in_flight = True
@@ -187,6 +190,14 @@ def _numbers(text: str, count: int, what: str) -> list[float]:
     if len(numbers) != count:
         raise SettingsError(f"{what} is {text!r}", f"Give {count} numbers with commas between them.")
     return numbers
+
+
+def on_square_pixels(choice: TargetChoice, video: SquareVideo) -> TargetChoice:
+    """The operator speaks of the pictures as they come."""
+    return TargetChoice(
+        None if choice.box is None else video.box(choice.box),
+        None if choice.point is None else video.point(*choice.point),
+    )
 
 
 def _box(text: str | None) -> Box | None:

@@ -23,7 +23,7 @@ from gcs_plugin.component.orders import ORDER_COMMANDS, STOP_COMMANDS, Locate, o
 Message = Any
 """A pymavlink message: its classes are generated and untyped."""
 
-COMMAND_MESSAGES: Final = ("COMMAND_LONG", "COMMAND_INT")
+COMMAND_MESSAGES: Final = ("COMMAND_LONG", "COMMAND_INT", "COMMAND_CANCEL")
 CANCELLED: Final = 6
 """MAV_RESULT_CANCELLED, which pymavlink's dialects do not all have."""
 PROGRESS_S: Final = 0.8
@@ -81,9 +81,14 @@ class CommandServer:
             return
         if self._authority.too_many(message, now_s):
             return
+        if message.get_type() == "COMMAND_CANCEL":
+            self._cancel(message, now_s)
+            return
         command = _read(message)
         if command.command in _GUARDED and (refusal := self._authority.refusal(message)) is not None:
-            self._refuse(command, refusal, now_s)
+            if refusal.answered:
+                self._acknowledge(command, mavlink.MAV_RESULT_DENIED)
+            self._tell(refusal, now_s)
         elif command.command in ORDER_COMMANDS:
             self._order(command, now_s)
         elif command.command in STOP_COMMANDS:
@@ -157,6 +162,17 @@ class CommandServer:
                 self._acknowledge(command, CANCELLED)
             self._memory.forget(command)
 
+    def _cancel(self, message: Message, now_s: float) -> None:
+        """End the order that this command gave, if it waits or runs still: the order's own acknowledgement says so.
+
+        https://mavlink.io/en/services/command.html#long_running_commands
+        """
+        refusal = self._authority.refusal(message)
+        if refusal is not None:
+            self._tell(refusal, now_s)
+        elif self._current is not None and self._current.command == message.command:
+            self._abort()
+
     def _inform(self, command: Command, now_s: float) -> int:
         """MAV_RESULT of a request for information."""
         if command.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
@@ -179,9 +195,7 @@ class CommandServer:
             return int(mavlink.MAV_RESULT_DENIED)
         return int(mavlink.MAV_RESULT_ACCEPTED)
 
-    def _refuse(self, command: Command, refusal: Refusal, now_s: float) -> None:
-        if refusal.answered:
-            self._acknowledge(command, mavlink.MAV_RESULT_DENIED)
+    def _tell(self, refusal: Refusal, now_s: float) -> None:
         # One text for each reason: the senders' names are the senders' own choice, and may be many.
         if now_s - self._told.get(refusal.reason, -math.inf) >= REFUSAL_TEXT_S:
             self._told[refusal.reason] = now_s

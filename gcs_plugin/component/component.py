@@ -53,6 +53,7 @@ class CameraComponent:
         authority: who may give orders.
         refusal: why the aircraft cannot carry out an order now; empty when it can.
         clock: the program's clock, seconds.
+        changed: is told the settings when a station has changed some.
     """
 
     def __init__(
@@ -64,8 +65,10 @@ class CameraComponent:
         authority: Authority,
         refusal: Callable[[Order], str],
         clock: Callable[[], float] = time.monotonic,
+        changed: Callable[[MissionSettings], None] = lambda _: None,
     ) -> None:
         self._link = link
+        self._changed = changed
         self._identity = identity
         self.picture = picture
         """The camera's video; replaced when it turns out to be another."""
@@ -171,8 +174,11 @@ class CameraComponent:
         if self._authority.too_many(message, now_s):
             return
         may_change = message.get_type() == "PARAM_SET" and self._authority.refusal(message) is None
+        before = self.settings
         for answer in self._parameters.take(message, may_change=may_change):
             self._link.send(answer)
+        if self.settings is not before:
+            self._changed(self.settings)
 
     def _send_due(self, now_s: float) -> None:
         if now_s >= self._next_beat_s:

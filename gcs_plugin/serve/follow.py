@@ -7,10 +7,9 @@ from functools import partial
 from typing import Final, Protocol
 
 from gcs_plugin.component.tracking import Seen
-from mission.detect import Detector
+from mission.detect import Confirmation, Detector
 from mission.errors import DetectionError, VideoError
 from mission.flight_loop import FRAME_WAIT_S, VIDEO_LOST_S
-from mission.locate import SAME_PERSON
 from mission.records import Box, Detection, Frame
 from mission.track import Track
 from mission.video import VideoSource
@@ -82,12 +81,11 @@ class Following:
 
     def _acquire(self, frames: Iterator[Frame], choose: Choose, timeout_s: float) -> bool:
         """Whether somebody is tracked now; somebody who is seen in two looks running."""
-        before: list[Detection] = []
+        confirmation = Confirmation()
         started_s = self._clock()
         for frame in frames:
             found = self._meanwhile(partial(self._detector.detect, frame.image))
-            steady = [d for d in found if any(d.box.overlap(other.box) > SAME_PERSON for other in before)]
-            before = found
+            steady = confirmation.confirmed(found)
             if steady:
                 self._start(frame, choose(steady).box)
                 return True

@@ -122,6 +122,7 @@ class Session:
         """Do it, and whatever comes of it be ready for the next one."""
         result = mavlink.MAV_RESULT_FAILED
         self._told = False
+        self._drone.pose_at(self._crew.times.clock())  # it may have been sparing of telemetry: now somebody looks
         self._crew.abort.in_flight = True
         try:
             match order:

@@ -11,8 +11,9 @@ from rich.console import Console
 
 from gcs_plugin.abort import Abort
 from gcs_plugin.answer import Times
-from gcs_plugin.authority import Authority, read_key
+from gcs_plugin.authority import Authority, SignatureMemory, read_key
 from gcs_plugin.component import CameraComponent, Identity, Locate, Order, Picture, StationLink
+from gcs_plugin.component.kept_parameters import KeptParameters
 from gcs_plugin.geotags import GeotagLog
 from gcs_plugin.locating import known_camera
 from gcs_plugin.serve.session import Crew, Session
@@ -32,26 +33,31 @@ class VehicleService:
     """Serves one vehicle until the end of the program.
 
     Args:
-        settings: of the mission; stations may change some for as long as the program runs.
+        settings: of the mission; what stations change in them is kept beside the answers.
         abort: tells when the program is to end.
         console: for the person at the terminal.
         times: program time and UTC.
 
     Raises:
-        SettingsError: the key file cannot be read, or the camera file.
+        SettingsError: the key file cannot be read, or the camera file, or what was kept beside the answers.
         AnswerError: the log of geotags cannot be written.
     """
 
     def __init__(self, settings: MissionSettings, abort: Abort, console: Console, times: Times) -> None:
-        self._settings = settings
         self._abort = abort
         self._console = console
         self._times = times
         self._camera = known_camera(settings)
         self._key = None if settings.authority.key_file is None else read_key(settings.authority.key_file)
-        self._authority = Authority(settings.authority, self._key, times.utc)
-        log = GeotagLog(settings.answer.folder / "geotags.gpkg")
+        folder = settings.answer.folder
+        log = GeotagLog(folder / "geotags.gpkg")
         log.prepare()
+        memory = None if self._key is None else SignatureMemory(folder / "signatures.json")
+        self._authority = Authority(settings.authority, self._key, times.utc, memory)
+        self._kept = KeptParameters(folder / "parameters.json", settings)
+        self._settings = self._kept.settings
+        for parameter in self._kept.restored:
+            self._say(f"as a ground station set it: {parameter}")
         self._crew = Crew(make_detector(settings.detect.detector), log, console, times, abort)
 
     def run(self) -> None:
@@ -63,6 +69,7 @@ class VehicleService:
                 target_system=settings.link.system,
                 flight=FlightSettings(min_battery_fraction=settings.link.min_battery),
                 pilot_log=settings.answer.folder / "pilot.log",
+                sparing=True,
             )
             try:
                 self._say(f"connecting to {settings.link.url}")
@@ -101,6 +108,7 @@ class VehicleService:
             self._authority,
             lambda order: refusal(order, drone.telemetry(), self._settings.link.min_battery),
             self._times.clock,
+            self._kept.keep,
         )
         with component:
             self._say(f"serving {drone.name} as component {number}")

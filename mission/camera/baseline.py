@@ -21,8 +21,15 @@ LEAST_RUNS = 3
 """Fewer say nothing about the spread."""
 IMAGES = 11
 INTERVAL_S = 0.5
+HOVER_S = 1.0
+"""Before a run the aircraft keeps its place for this long."""
 MOST_BETWEEN_S = 0.35
 """Between two pictures farther apart than this, nothing is interpolated."""
+LEAST_PICTURES = 8
+LEAST_TRAVEL_M = 1.0
+DELAYS_S = (-0.1, 0.8)
+"""Of the video, that are looked for."""
+DELAY_STEP_S = 0.005
 LARGEST_CLIMB = 0.5
 """A run that leaves the wall's direction by more than this share of its travel was not flown along the wall."""
 
@@ -78,6 +85,9 @@ def travel_of(run: WallRun, images: int = IMAGES, interval_s: float = INTERVAL_S
     places = np.array([sight.position_m for sight in run.sights])
     wanted: Vector = run.started_s + interval_s * np.arange(images, dtype=np.float64)
     at = np.column_stack([_interpolated(times, places[:, axis], wanted) for axis in range(3)])
+    hover = np.flatnonzero((times <= wanted[0]) & (times > wanted[0] - HOVER_S))
+    if not np.isfinite(at[0]).all() and len(hover):
+        at[0] = places[hover[-1]]  # pictures come late, but it stood still
     if not np.isfinite(at[0]).all():
         raise CalibrationError(
             "The wall was not recognised when a run began", "Begin where at least two markers are in view."
@@ -144,6 +154,40 @@ def reckoning_scale(true_m: Sequence[Vector], reckoned_m: Sequence[Vector]) -> t
     if len(scales) < LEAST_RUNS:
         raise CalibrationError("Too few runs moved along the wall", f"Fly {LEAST_RUNS} at least.")
     return float(np.mean(scales)), float(np.std(scales, ddof=1))
+
+
+def video_delay(times_s: Vector, along_m: Vector, reckoned_s: Vector, reckoned_m: Vector) -> float:
+    """How much later than the aircraft's poses the pictures are stamped, seconds.
+
+    Wall and aircraft describe the same travel, each with its own zero and scale: the delay is where they agree best
+    (least squares). Speed must have changed on the way, as it does where a run begins and ends at rest.
+
+    Args:
+        times_s: (n,) of the pictures.
+        along_m: (n,) the camera's place along the wall, in either direction.
+        reckoned_s: (m,) rising times of the poses.
+        reckoned_m: (m,) travel according to them; NaN where none is known.
+
+    Raises:
+        CalibrationError: too few of either, or nothing moved.
+    """
+    known = np.isfinite(reckoned_m)
+    if np.count_nonzero(known) < LEAST_PICTURES or len(times_s) < LEAST_PICTURES:
+        raise CalibrationError(
+            "The wall was recognised in too few pictures of a run to tell the video's delay",
+            "Fly nearer, or use larger markers.",
+        )
+    times, travel = reckoned_s[known], reckoned_m[known]
+    if float(np.ptp(travel)) < LEAST_TRAVEL_M:
+        raise CalibrationError("The aircraft did not move along the wall", "Fly again with room to the side.")
+    tried = np.arange(DELAYS_S[0], DELAYS_S[1], DELAY_STEP_S)
+    misses = []
+    for delay_s in tried:
+        there = np.interp(times_s - delay_s, times, travel)
+        columns = np.column_stack((there, np.ones_like(there)))
+        solved = np.linalg.lstsq(columns, along_m, rcond=None)[0]
+        misses.append(float(np.sum((along_m - columns @ solved) ** 2)))
+    return float(tried[int(np.argmin(misses))])
 
 
 def _interpolated(times_s: Vector, values: Vector, wanted_s: Vector) -> Vector:

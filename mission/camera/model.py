@@ -98,23 +98,6 @@ class CameraModel:
         reach: NDArray[np.bool_] = np.asarray((z > 0.0) & (np.hypot(x, y) <= self.max_radius * z))
         return reach
 
-    def sees(self, points_camera: ArrayLike) -> NDArray[np.bool_]:
-        """Which points fall inside the picture.
-
-        Args:
-            points_camera: (3,) or (N, 3).
-
-        Returns:
-            () or (N,).
-        """
-        points = np.asarray(points_camera, dtype=float)
-        seen = self.in_reach(points)
-        flat, found = points.reshape(-1, 3), seen.reshape(-1).copy()
-        if found.any():
-            u, v = self._project_unchecked(flat[found]).T
-            found[found] = (u >= 0) & (u <= self.intrinsics.width_px) & (v >= 0) & (v <= self.intrinsics.height_px)
-        return found.reshape(seen.shape)
-
     def _project_unchecked(self, points: Matrix) -> Matrix:
         zero = np.zeros(3)
         pixels, _ = cv2.projectPoints(np.ascontiguousarray(points), zero, zero, self.matrix, self.distortion)

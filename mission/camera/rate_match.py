@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky_banded, solve_banded
-from scipy.ndimage import binary_dilation, gaussian_filter1d
+from scipy.linalg import cholesky, solve_triangular
+from scipy.ndimage import binary_dilation, gaussian_filter1d, median_filter
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
@@ -23,10 +23,20 @@ _SMOOTH_S = 0.04
 """Standard deviation of the smoothing of the reports: quicker than any turn of an aircraft that carries a camera."""
 _STEP_S = 0.005
 _ROUNDS = 3
-_HUBER = 1.345
+_HUBER = 2.5
 _LAGS = 4
 """Neighbouring pairs of frames share a piece of the aircraft's sway, so their residuals are correlated."""
 _FLOOR_SIGMA_S = 0.002
+_LONE = 5
+"""Pairs, of which the median is what a lone outlier is told from."""
+_WANDER_S = 1.8
+"""Correlation time of a reported heading's wandering, as on a recorded flight."""
+_WANDERS_RAD = (3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.06)
+_PICTURE_SHARES = (0.25, 0.5, 1.0, 1.5)
+_REPORT_SHARES = (0.1, 0.5)
+"""Sizes of the three kinds of noise that are tried; two of them in units of what neighbouring residuals differ by."""
+_USUAL_GAIN, _GAIN_SIGMA = 1.0, 0.05
+"""A camera is calibrated to a few per cent; a heading that wanders may pretend more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,9 +90,12 @@ class ReportedRotation:
 class RateMatch:
     """Generalised least squares of ``seen = gain * reported(shifted by the offset) + drift * duration + noise``.
 
-    The noise of a turn between two frames has two parts: the picture's, new for every pair, and the attitude report's
-    at either end, which the next pair has again with the other sign. So the covariance is tridiagonal; both variances
-    are estimated from the residuals. Treating the turns as independent would throw away most of the information.
+    The noise of a turn between two frames has three parts: the picture's, new for every pair; the attitude report's
+    at either end, which the next pair has again with the other sign; and the wandering of the reported heading, a
+    Gauss-Markov process of second order as real autopilots have it (Brown & Hwang, Introduction to Random Signals and
+    Applied Kalman Filtering, 3.8). The last one is smooth, so where it is large the offset is taken from the beginnings
+    and ends of turns and not from how their middles differ, which looks much the same as a shift. The three sizes are
+    those that make the residuals most likely.
 
     Args:
         spans: (N, 2) times of the two frames of each pair.
@@ -95,9 +108,16 @@ class RateMatch:
         self._seen = seen
         self._reported = reported
         self._duration_s = spans[:, 1] - spans[:, 0]
-        self._joined = np.abs(spans[1:, 0] - spans[:-1, 1]) < 0.25 * self._duration_s[1:]
+        joined = np.abs(spans[1:, 0] - spans[:-1, 1]) < 0.25 * self._duration_s[1:]
+        neighbours = np.diag(joined.astype(float), 1)
+        self._shared: Matrix = 2.0 * np.eye(len(seen)) - neighbours - neighbours.T
+        between = np.hstack([-np.eye(len(seen)), np.eye(len(seen))])
+        ends = spans.T.ravel()
+        lag = np.abs(ends[:, None] - ends[None, :]) / _WANDER_S
+        self._wander: Matrix = between @ ((1.0 + lag) * np.exp(-lag)) @ between.T
         self._weight: Vector = np.ones(len(seen))
-        self._set_noise(1.0, 0.0)
+        self._factor: Matrix = np.eye(len(seen))
+        self._gain_weight = 0.0
 
     def best_offset(self, low_s: float, high_s: float) -> float:
         """The offset of the least cost between two bounds."""
@@ -126,9 +146,7 @@ class RateMatch:
     def quality(self, offset_s: float) -> tuple[float, float, float]:
         """Gain, correlation of the two curves, and the standard deviation of the offset, s (Newey-West)."""
         residual, solution = self._residual(offset_s)
-        early = self._reported(self._spans - offset_s - _STEP_S)
-        late = self._reported(self._spans - offset_s + _STEP_S)
-        jacobian = np.column_stack([solution[0] * (early - late) / (2.0 * _STEP_S), self._design(offset_s)])
+        jacobian = self._fitted(offset_s, float(solution[0]))
         white_jacobian, white_residual = self._whiten(jacobian), self._whiten(residual)
         bread = np.linalg.pinv(white_jacobian.T @ white_jacobian)
         scores = white_residual[:, None] * white_jacobian
@@ -151,31 +169,52 @@ class RateMatch:
     def _design(self, offset_s: float) -> Matrix:
         return np.column_stack([self._reported(self._spans - offset_s), self._duration_s])
 
+    def _fitted(self, offset_s: float, gain: float) -> Matrix:
+        """(N, 3): how the turns change with the offset, the gain and the drift."""
+        early = self._reported(self._spans - offset_s - _STEP_S)
+        late = self._reported(self._spans - offset_s + _STEP_S)
+        return np.column_stack([gain * (early - late) / (2.0 * _STEP_S), self._design(offset_s)])
+
     def _cost(self, offset_s: float) -> float:
-        residual, _ = self._residual(offset_s)
-        return float(np.sum(self._whiten(residual) ** 2))
+        residual, solution = self._residual(offset_s)
+        known = self._gain_weight * (float(solution[0]) - _USUAL_GAIN)
+        return float(np.sum(self._whiten(residual) ** 2)) + known**2
 
     def _residual(self, offset_s: float) -> tuple[Vector, Vector]:
         design = self._design(offset_s)
-        solution, *_ = np.linalg.lstsq(self._whiten(design), self._whiten(self._seen), rcond=None)
+        columns, wanted = self._whiten(design), self._whiten(self._seen)
+        # What is known of the gain beforehand, as one more row.
+        known = np.array([[self._gain_weight, 0.0]])
+        solution, *_ = np.linalg.lstsq(
+            np.vstack([columns, known]), np.append(wanted, self._gain_weight * _USUAL_GAIN), rcond=None
+        )
         return self._seen - design @ solution, np.asarray(solution, dtype=np.float64)
 
     def _whiten(self, columns: Matrix) -> Matrix:
-        return np.asarray(solve_banded((1, 0), self._factor, columns), dtype=float)
+        return np.asarray(solve_triangular(self._factor, columns, lower=True, check_finite=False), dtype=float)
 
     def _learn_noise(self, offset_s: float) -> None:
-        residual, _ = self._residual(offset_s)
-        scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
-        self._weight = _HUBER * scale / np.maximum(np.abs(residual), _HUBER * scale)
-        clipped = self._weight * residual
-        total = float(np.mean(clipped**2))
-        shared = -float(np.mean((clipped[1:] * clipped[:-1])[self._joined])) if self._joined.any() else 0.0
-        shared = min(max(shared, 0.0), 0.49 * total)
-        self._set_noise(max(total - 2.0 * shared, 0.02 * total, 1e-12), shared)
-
-    def _set_noise(self, picture: float, report: float) -> None:
-        """Variances of the picture's turn (outliers get more) and of the reported attitude, rad^2."""
-        banded = np.zeros((2, len(self._seen)))
-        banded[0] = picture / self._weight**2 + 2.0 * report
-        banded[1, :-1] = np.where(self._joined, -report, 0.0)
-        self._factor = cholesky_banded(banded, lower=True)
+        residual, solution = self._residual(offset_s)
+        fitted = self._fitted(offset_s, float(solution[0]))
+        # What wanders is smooth: the differences of neighbours tell the rest.
+        rough = np.diff(residual) / math.sqrt(2.0)
+        scale = max(1.4826 * float(np.median(np.abs(rough))), 1e-5)
+        lone = residual - median_filter(residual, _LONE, mode="nearest")
+        limit = _HUBER * max(1.4826 * float(np.median(np.abs(lone))), scale)
+        self._weight = limit / np.maximum(np.abs(lone), limit)
+        best = math.inf
+        for picture in _PICTURE_SHARES:
+            for report in _REPORT_SHARES:
+                for wander in _WANDERS_RAD:
+                    covariance = wander**2 * self._wander + (report * scale) ** 2 * self._shared
+                    covariance += np.diag(np.square(picture * scale / self._weight))
+                    factor = cholesky(covariance, lower=True, check_finite=False)
+                    white = solve_triangular(
+                        factor, np.column_stack([residual, fitted]), lower=True, check_finite=False
+                    )
+                    # Restricted likelihood: what was fitted to the same residuals has made them smaller.
+                    _, used = np.linalg.slogdet(white[:, 1:].T @ white[:, 1:])
+                    unlikely = float(white[:, 0] @ white[:, 0]) + 2.0 * float(np.log(np.diag(factor)).sum()) + used
+                    if unlikely < best:
+                        best, self._factor = unlikely, factor
+        self._gain_weight = 1.0 / _GAIN_SIGMA

@@ -6,6 +6,7 @@ from typing import Literal
 
 from mission.detect.auto import AutoDetector
 from mission.detect.choose import choose
+from mission.detect.confirmation import Confirmation
 from mission.detect.detector import Detector
 from mission.detect.hog import HogDetector
 from mission.detect.nanodet import NanoDetDetector
@@ -14,6 +15,7 @@ DetectorName = Literal["auto", "hog", "nanodet"]
 
 __all__ = [
     "AutoDetector",
+    "Confirmation",
     "Detector",
     "DetectorName",
     "HogDetector",

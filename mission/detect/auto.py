@@ -1,4 +1,4 @@
-"""HOG where the person is large enough, NanoDet for the rest."""
+"""HOG where the person is large enough and the network does not know better, NanoDet for the rest."""
 
 from __future__ import annotations
 
@@ -7,13 +7,19 @@ from mission.detect.hog import HogDetector
 from mission.detect.nanodet import NanoDetDetector
 from mission.records import Box, Detection, Image
 
+_SAME_HEIGHT = 1.6
+"""Largest ratio of the heights of one body; HOG's box is up to a third too tall, and half a body is half as tall."""
+
 
 class AutoDetector:
-    """HOG first; where it finds nobody (a body of less than about 90 px, an odd posture), NanoDet.
+    """HOG's people, unless NanoDet sees people elsewhere only: then those.
+
+    HOG answers with a tree or a lamp where the person is too small (a body of less than about 90 px), stands oddly, or
+    is so near that its window, a third taller than the body, does not fit into the picture.
 
     Args:
-        near: used first.
-        far: used where `near` finds nobody.
+        near: its people count where `far` sees them too, or sees nobody at all.
+        far: asked as well.
     """
 
     def __init__(self, near: Detector | None = None, far: Detector | None = None) -> None:
@@ -27,4 +33,13 @@ class AutoDetector:
 
     def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
         """See `mission.detect.detector.Detector.detect`."""
-        return self._near.detect(image, region) or self._far.detect(image, region)
+        near, far = self._near.detect(image, region), self._far.detect(image, region)
+        if not far:
+            return near
+        return [one for one in near if any(_same(one.box, other.box) for other in far)] or far
+
+
+def _same(one: Box, other: Box) -> bool:
+    """Whether two detectors mean the same body: each box holds the other's middle, and they are of about one height."""
+    alike = 1.0 / _SAME_HEIGHT < one.height_px / other.height_px < _SAME_HEIGHT
+    return alike and one.contains(*other.centre_px) and other.contains(*one.centre_px)

@@ -31,10 +31,10 @@ def choose(
             "Point the camera at the person (a body of at least 40 px in the picture is needed) and try again.",
         )
     if box is not None:
-        best = max(detections, key=lambda d: d.box.overlap(box))
-        if best.box.overlap(box) < 0.1:
+        marked = [d for d in detections if _marked(d.box, box)]
+        if not marked:
             raise DetectionError(_where(detections, "inside the box that was drawn"), _POINT_AGAIN)
-        return best
+        return max(marked, key=lambda d: d.box.overlap(box))
     if point is not None:
         # A click misses thin bodies easily, so half a body's width beside the box still counts.
         near = [d for d in detections if _grown(d.box).contains(*point)]
@@ -45,7 +45,21 @@ def choose(
     return min(detections, key=lambda d: _distance(d, centre))
 
 
+_BESIDE = 0.1
+_HALF = 0.5
 _POINT_AGAIN = "Draw the box or click on the body of one of the people that were found, or leave it out."
+
+
+def _marked(body: Box, drawn: Box) -> bool:
+    """Whether a drawn box means this body: operators draw wide around it, on its middle, or a little beside it.
+
+    Wide around: half of the body is inside. On its middle: half of what was drawn is on the body. Beside: they share a
+    tenth of the area that they cover together.
+    """
+    part = body.overlap(drawn)
+    sizes = body.width_px * body.height_px, drawn.width_px * drawn.height_px
+    shared_px = part / (1.0 + part) * sum(sizes)
+    return part >= _BESIDE or shared_px >= _HALF * min(sizes) > 0.0
 
 
 def _where(detections: Sequence[Detection], where: str) -> str:

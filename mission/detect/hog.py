@@ -17,8 +17,6 @@ from mission.records import Box, Detection, Image
 
 BODY_FRACTION = 0.75
 """Height of the body relative to the height of HOG's window."""
-SMALLEST_BODY_PX = 90.0
-"""Bodies smaller than this are beyond HOG's reach (the issue of simulation: nothing found at 12 m, f = 457 px)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,8 +23,6 @@ STRIDES_PX = (8, 16, 32)
 PERSON = 0
 """COCO class."""
 BINS = 11
-SMALLEST_BODY_PX = 24.0
-"""Body height at the network's input below which it finds nothing reliably."""
 
 # The normalisation that it was trained with, upstream's (B, G, R).
 _MEAN = np.array([103.53, 116.28, 123.675], np.float32)

@@ -9,8 +9,8 @@ import numpy as np
 
 from mission.drones.drone import Bounds, EventKind, OrderState
 from mission.drones.flight_controls import Controls
-from mission.drones.handover import Holding, Landing
-from mission.drones.limits import FlightSettings, Room, limit_exceeded
+from mission.drones.handover import Entering, Holding, Landing
+from mission.drones.limits import FlightSettings, Room, limit_exceeded, with_loss
 from mission.drones.maneuvers import FollowPath, Guidance, Maneuver, StandStill, Turn
 from mission.drones.path_follower import Setpoint
 from mission.drones.pilot_protocol import EventReport, FlyOrder, OrderReport
@@ -19,7 +19,6 @@ from mission.drones.take_off import TakeOff
 from mission.drones.takeover import Phase, mode_takeover, sent_elsewhere
 from mission.drones.vehicle import VehicleState
 
-_CONFIRM_S = 3.0
 _SETPOINT_S = 0.03
 """Every second tick. Not faster: on ArduPilot each setpoint replaces an operator's "fly here", which only shows in the
 autopilot's own target, reported every 20 ms, until the next setpoint."""
@@ -67,7 +66,7 @@ class Flight:
         self._room = Room(self._bounds, np.zeros(3), 0.0, 0.0)
         self._phase_s = self._sent_s = 0.0
         self._holding = Holding(vehicle.mode, 0.0)
-        self._landing = Landing(0.0)
+        self._landing, self._entering = Landing(0.0), Entering(0.0)
         self._rival: tuple[float, str] | None = None
 
     def heard(self, now_s: float) -> None:
@@ -141,7 +140,7 @@ class Flight:
         if self._control_taken:
             return "control was given back: begin is needed to take it again"
         if self.phase != "idle":
-            return f"the vehicle is {self.phase}"
+            return with_loss(f"the vehicle is {self.phase}", self._guards.packet_loss(now_s), self._settings)
         vehicle = self._vehicle
         reason = refusal(vehicle, self._settings, self._guards, now_s, on_ground=False)
         if reason is None and self._rival is not None and now_s - self._rival[0] < _RIVAL_MEMORY_S:
@@ -164,6 +163,7 @@ class Flight:
         self._controls.complaint()
         self._controls.setpoint(self._guidance.target, self._guidance.yaw_rad)
         self._controls.start()
+        self._entering = Entering(now_s)
         self._control_taken = True
         self._enter("entering", now_s)
         return None
@@ -261,9 +261,7 @@ class Flight:
         self._end_order(t_s, OrderState.ENDED, reason)
 
     def _step_climb(self, now_s: float) -> None:
-        if self._take_off is None:
-            return
-        outcome = self._take_off.step(self._vehicle, self._controls, now_s)
+        outcome = None if self._take_off is None else self._take_off.step(self._vehicle, self._controls, now_s)
         if outcome is None:
             return
         self._take_off = None
@@ -278,22 +276,23 @@ class Flight:
 
     def _step_entering(self, now_s: float) -> None:
         vehicle = self._vehicle
-        if vehicle.mode.kind == "offboard" and vehicle.mode_s is not None and vehicle.mode_s > self._phase_s:
+        outcome = self._entering.step(vehicle, self._controls, now_s)
+        if outcome is None:
+            return
+        order, reason = self._order, None
+        if outcome.state is OrderState.DONE:
             self._event(now_s, "mode", f"we fly it, in {vehicle.mode.name}")
             self._enter("flying", now_s)
             vehicle.take_mode_changes()
-            order = self._order
             reason = self._set_maneuver(order, now_s) if order is not None else None
             if order is None:
                 self._set_still(now_s)
-            if reason:
-                self._event(now_s, "refused", reason)
-                self._end_order(now_s, OrderState.REFUSED, reason)
-        elif now_s - self._phase_s > _CONFIRM_S:
-            complaint = self._controls.complaint()
-            reason = "the autopilot does not let us fly it" + (f": {complaint}" if complaint else "")
+        else:
+            reason = with_loss(outcome.reason, self._guards.packet_loss(now_s), self._settings)
+        if reason:
             self._event(now_s, "refused", reason)
             self._end_order(now_s, OrderState.REFUSED, reason)
+        if outcome.state is OrderState.REFUSED:
             # The request for the mode may still be on its way.
             self._hold(now_s)
 
@@ -322,6 +321,7 @@ class Flight:
         if came is None:
             return
         self.phase, (kind, text) = "idle", came
+        text = with_loss(text, self._guards.packet_loss(now_s), self._settings) if kind == "failsafe" else text
         self._permitted = self._permitted and kind == "mode"
         self._vehicle.take_mode_changes()
         self._event(now_s, kind, text)

@@ -7,7 +7,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
-MESSAGE_IDS: dict[str, int] = {m.msgname: i for i, m in mavlink.mavlink_map.items()}
+from mission.drones.command_cancel import COMMAND_CANCEL, CommandCancel
+
+MESSAGE_IDS: dict[str, int] = {m.msgname: i for i, m in mavlink.mavlink_map.items()} | {
+    CommandCancel.msgname: COMMAND_CANCEL
+}
 """MAVLink message name to its id."""
 
 

@@ -1,4 +1,4 @@
-"""Giving the vehicle back: ask for hold or for a landing until the autopilot reports it. No ack is trusted."""
+"""Taking the vehicle and giving it back: ask for a mode until the autopilot reports it. No ack is trusted."""
 
 from __future__ import annotations
 
@@ -11,6 +11,32 @@ from mission.drones.vehicle import VehicleState
 
 _PATIENCE_S = 8.0
 _ASK_AGAIN_S = 0.7
+_CONFIRM_S = 3.0
+
+
+class Entering:
+    """Waits for the mode that flies setpoints after `Controls.start`, asking again when the autopilot denies it.
+
+    PX4 denies Offboard until it has heard a setpoint: on a link that loses packets, the first one may be lost.
+    """
+
+    def __init__(self, began_s: float) -> None:
+        self._began_s = self._asked_s = began_s
+        self._complaint = ""
+
+    def step(self, vehicle: VehicleState, controls: Controls, now_s: float) -> Outcome | None:
+        """DONE when it is in the mode, REFUSED when it does not come to it."""
+        if vehicle.mode.kind == "offboard" and vehicle.mode_s is not None and vehicle.mode_s > self._began_s:
+            return DONE
+        complaint = controls.complaint()
+        self._complaint = complaint or self._complaint
+        if now_s - self._began_s > _CONFIRM_S:
+            why = f": {self._complaint}" if self._complaint else ""
+            return Outcome(OrderState.REFUSED, f"the autopilot does not let us fly it{why}")
+        if self._complaint and now_s - self._asked_s > _ASK_AGAIN_S:
+            self._asked_s = now_s
+            controls.start()
+        return None
 
 
 class Holding:

@@ -120,7 +120,7 @@ def limit_exceeded(
     if silent_s > settings.deadman_s:
         return "deadman", f"the program was silent for {silent_s:.2f} s"
     if not vehicle.connected(now_s) or local is None or now_s - local.t_s > settings.stale_s:
-        return "link-lost", "the autopilot's position is no longer received"
+        return "link-lost", with_loss("the autopilot's position is no longer received", packet_loss, settings)
     if packet_loss is not None and packet_loss > settings.max_packet_loss:
         return "link-lost", lossy(packet_loss, settings)
     if battery is not None and battery < settings.min_battery_fraction:
@@ -136,3 +136,10 @@ def limit_exceeded(
 def lossy(packet_loss: float, settings: FlightSettings) -> str:
     """A link that loses too much, in words for the operator."""
     return f"the link loses {100 * packet_loss:.0f} % of the packets, more than {100 * settings.max_packet_loss:.0f} %"
+
+
+def with_loss(reason: str, packet_loss: float | None, settings: FlightSettings) -> str:
+    """A reason that lost packets may be behind, with them beside it when too many are known to be lost."""
+    if packet_loss is None or packet_loss <= settings.max_packet_loss:
+        return reason
+    return f"{reason}; {lossy(packet_loss, settings)}"

@@ -7,43 +7,17 @@ import logging
 import socket
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
+from mission.drones.command_protocol import CommandProtocol, Patience
+from mission.drones.datagrams import Address, Datagrams
 from mission.drones.framing import MESSAGE_IDS, decode, frames
-from mission.errors import LinkError
+from mission.drones.mailbox import Mailbox, Message
 
 _LOG = logging.getLogger(__name__)
-
-Message = Any
-"""A pymavlink message: its classes are generated and untyped."""
-
-
-class Mailbox:
-    """The messages of some types as they come; when nobody empties it the oldest go."""
-
-    def __init__(self, size: int) -> None:
-        self._messages: deque[Message] = deque(maxlen=size)
-        self._arrived = threading.Condition()
-        self.lost = 0
-        """Messages dropped because the mailbox was full."""
-
-    def put(self, message: Message) -> None:
-        """Add a message; never blocks."""
-        with self._arrived:
-            if len(self._messages) == self._messages.maxlen:
-                self.lost += 1
-            self._messages.append(message)
-            self._arrived.notify()
-
-    def get(self, timeout_s: float) -> Message | None:
-        """The oldest message not taken yet, or None after a time without any."""
-        with self._arrived:
-            self._arrived.wait_for(lambda: bool(self._messages), timeout_s)
-            return self._messages.popleft() if self._messages else None
 
 
 class MavlinkLink:
@@ -61,7 +35,9 @@ class MavlinkLink:
             raise and not block.
         handled: message names for the handler.
         heartbeat: whether the link sends HEARTBEAT once a second.
-        on_frame: called in the reader thread with every whole frame, decoded or not, and its arrival time.
+        wants: called in the reader thread with id and bytes of every whole frame, and its arrival time; what it answers
+            False to is not decoded.
+        at_leisure: answers whether frames may wait some hundredths of a second, to be read together.
         clock: monotonic seconds.
     """
 
@@ -75,7 +51,8 @@ class MavlinkLink:
         handler: Callable[[Message, float], None] | None = None,
         handled: Sequence[str] = (),
         heartbeat: bool = True,
-        on_frame: Callable[[bytes, float], None] | None = None,
+        wants: Callable[[int, bytes, float], bool] | None = None,
+        at_leisure: Callable[[float], bool] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.source_system = source_system
@@ -89,8 +66,7 @@ class MavlinkLink:
         self.received: Counter[str] = Counter()
         """Decoded messages by name."""
         self._socket = sock
-        self._socket.setblocking(True)
-        self._socket.settimeout(0.1)
+        self._datagrams = Datagrams(sock, clock)
         self._clock = clock
         self._handler = handler
         self._handled = frozenset(handled)
@@ -98,13 +74,14 @@ class MavlinkLink:
         self._packers: dict[int, mavlink.MAVLink] = {}
         self._signers: dict[int, Callable[[], int]] = {}
         self._sending = threading.Lock()
-        self._peer: tuple[str, int] | None = None
+        self._peer: Address | None = None
         self._boxes: list[tuple[frozenset[str], Mailbox]] = []
         self._boxes_lock = threading.Lock()
-        self._command_locks: dict[tuple[int, int], threading.Lock] = {}
+        self._commands = CommandProtocol(self, clock)
         self._wanted: frozenset[int] = frozenset()
         self._heartbeat = heartbeat
-        self._on_frame = on_frame
+        self._wants = wants
+        self._at_leisure = at_leisure
         self._closed = threading.Event()
         self._update_wanted()
         self._thread = threading.Thread(target=self._run, name="mavlink-link", daemon=True)
@@ -223,7 +200,8 @@ class MavlinkLink:
                 self.target_system, self.target_component, command, min(attempt, 255), *seven
             )
 
-        return self._order(build, command, timeout_s, retries, progress_timeout_s, source_component)
+        patience = Patience(timeout_s, retries, progress_timeout_s)
+        return self._commands.order(build, command, patience, source_component)
 
     def command_int(
         self,
@@ -248,46 +226,8 @@ class MavlinkLink:
                 self.target_system, self.target_component, frame, command, 0, 0, *four, x, y, z
             )
 
-        return self._order(build, command, timeout_s, retries, progress_timeout_s, source_component)
-
-    def _order(
-        self,
-        build: Callable[[int], Message],
-        command: int,
-        timeout_s: float,
-        retries: int,
-        progress_timeout_s: float,
-        source_component: int | None,
-    ) -> int:
-        component = self.source_component if source_component is None else source_component
-        # Two equal commands at once could not tell their answers apart.
-        lock = self._command_locks.setdefault((component, command), threading.Lock())
-        with lock, self.listen("COMMAND_ACK") as acks:
-            in_progress = False
-            for attempt in range(retries + 1):
-                if in_progress:
-                    break
-                self.send(build(attempt), source_component=component)
-                until = self._clock() + timeout_s
-                while (remaining := until - self._clock()) > 0.0:
-                    ack = acks.get(remaining)
-                    if ack is None or not self._answers(ack, command, component):
-                        continue
-                    if ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
-                        return int(ack.result)
-                    in_progress, until = True, self._clock() + progress_timeout_s
-        name = mavlink.enums["MAV_CMD"][command].name if command in mavlink.enums["MAV_CMD"] else str(command)
-        raise LinkError(
-            f"the autopilot did not answer {name}", "Check the link, and that system id and component id are right"
-        )
-
-    def _answers(self, ack: Message, command: int, component: int) -> bool:
-        return (
-            ack.command == command
-            and ack.get_srcSystem() == self.target_system
-            and ack.target_system in (0, self.source_system)
-            and ack.target_component in (0, component)
-        )
+        patience = Patience(timeout_s, retries, progress_timeout_s)
+        return self._commands.order(build, command, patience, source_component)
 
     def _update_wanted(self) -> None:
         names = set(self._handled).union(*(types for types, _ in self._boxes)) | {"HEARTBEAT"}
@@ -302,26 +242,23 @@ class MavlinkLink:
                 kind, active = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_STATE_ACTIVE
                 self.send(mavlink.MAVLink_heartbeat_message(kind, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, active, 3))
             try:
-                data, peer = self._socket.recvfrom(65535)
-            except TimeoutError:
-                continue
+                found = self._datagrams.receive(at_leisure=self._at_leisure is not None and self._at_leisure(now))
             except OSError as error:
                 # An ICMP "port unreachable" from the far side, or the socket was closed.
                 if not self._closed.is_set():
                     _LOG.debug("link: %s", error)
                     self._closed.wait(0.05)
                 continue
-            self._take(data, (str(peer[0]), int(peer[1])))
+            if found is not None:
+                self._take(*found)
 
-    def _take(self, data: bytes, peer: tuple[str, int]) -> None:
+    def _take(self, data: bytes, peer: Address, arrived_s: float) -> None:
         if self._peer is not None and peer != self._peer:
             self.rejected += 1
             return
-        arrived_s = self._clock()
         for message_id, frame in frames(data):
-            if self._on_frame is not None:
-                self._on_frame(frame, arrived_s)
-            if self._peer is not None and message_id not in self._wanted:
+            wanted = self._wants is None or self._wants(message_id, frame, arrived_s)
+            if self._peer is not None and not (wanted and message_id in self._wanted):
                 continue
             message = decode(self._parser, frame)
             if message is None:

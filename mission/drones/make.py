@@ -15,7 +15,12 @@ AnyDrone = MavlinkDrone | ARDrone
 
 
 def make_drone(
-    url: str, *, target_system: int = 0, flight: FlightSettings | None = None, pilot_log: FilePath | None = None
+    url: str,
+    *,
+    target_system: int = 0,
+    flight: FlightSettings | None = None,
+    pilot_log: FilePath | None = None,
+    sparing: bool = False,
 ) -> AnyDrone:
     """An aircraft, not yet connected.
 
@@ -24,13 +29,14 @@ def make_drone(
         target_system: a MAVLink vehicle's system id; 0 takes the first that is heard.
         flight: limits of the pilot process.
         pilot_log: file for the pilot process's own log.
+        sparing: whether little is decoded while nobody looks; for programs that wait long.
 
     Raises:
         SettingsError: the address is none.
     """
     if is_ardrone(url):
         return ARDrone(url, flight=flight, pilot_log=pilot_log)
-    return MavlinkDrone(url, target_system=target_system, flight=flight, pilot_log=pilot_log)
+    return MavlinkDrone(url, target_system=target_system, flight=flight, pilot_log=pilot_log, sparing=sparing)
 
 
 def mavlink_of(drone: AnyDrone) -> MavlinkLink | None:

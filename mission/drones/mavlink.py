@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import logging
 import math
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,15 +14,15 @@ import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.clock import ClockMap
-from mission.drones.drone import Bounds, Capabilities, DroneEvent, Order, OrderState, Path, Telemetry
+from mission.drones.drone import Capabilities
 from mission.drones.limits import FlightSettings
 from mission.drones.link import MavlinkLink
-from mission.drones.loopback import drain, loopback_socket
+from mission.drones.loopback import loopback_socket
 from mission.drones.pilot_config import PROGRAM_COMPONENT, PilotConfig
-from mission.drones.pilot_process import PilotProcess, WatchedOrder
-from mission.drones.pilot_protocol import Aim, Begin, FlyOrder, OrderKind
+from mission.drones.piloted_drone import PilotedDrone
 from mission.drones.pose_quality import attitude_covariance, noise_model, position_covariance
 from mission.drones.rates import MessageRates
+from mission.drones.thinning import Thinning
 from mission.drones.url import mavsdk_url
 from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState, on_earth
 from mission.errors import LinkError
@@ -32,16 +30,13 @@ from mission.geodesy import geodetic_to_enu
 from mission.pose import Pose, PoseBuffer, world_from_body
 from mission.records import GeodeticOrigin, NoiseModel
 
+PILOT_MODULE = "mission.drones.pilot"
 _LOG = logging.getLogger(__name__)
 _REBOOT_S = 1.0
 
 
-class MavlinkDrone:
-    """`mission.drones.drone.Drone` over MAVLink.
-
-    While we fly it, the program must call one of the methods (or `keep_alive`) at 10 Hz or more from its own loop:
-    after 0.5 s of silence the pilot process puts the vehicle into hold. No thread does that in its place, since it
-    would outlive a loop that hangs.
+class MavlinkDrone(PilotedDrone):
+    """`mission.drones.drone.Drone` over MAVLink; see `PilotedDrone` for what it asks of the program while it flies.
 
     Args:
         url: the vehicle's address, see `mission.drones.url`.
@@ -50,6 +45,7 @@ class MavlinkDrone:
         min_pose_rate_hz: the rate without which `connect` fails.
         flight: limits of the pilot process.
         pilot_log: file for the pilot process's and MAVSDK's own log.
+        sparing: decode little while nobody looks, see `mission.drones.thinning`.
         clock: monotonic seconds.
 
     Raises:
@@ -65,20 +61,16 @@ class MavlinkDrone:
         min_pose_rate_hz: float = 20.0,
         flight: FlightSettings | None = None,
         pilot_log: FilePath | None = None,
+        sparing: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        super().__init__(min_pose_rate_hz=min_pose_rate_hz, flight=flight, pilot_log=pilot_log, clock=clock)
         self._url = mavsdk_url(url)
         self._target_system = target_system
         self._pose_rate_hz = pose_rate_hz
-        self._min_pose_rate_hz = min_pose_rate_hz
-        self._flight = flight or FlightSettings()
-        self._pilot_log = pilot_log
-        self._clock = clock
-        self._lock = threading.Lock()
-        self._pilot: PilotProcess | None = None
+        self._sparing = sparing
         self._link: MavlinkLink | None = None
         self._rates: MessageRates | None = None
-        self._ids = itertools.count(1)
         self._reset()
 
     def _reset(self) -> None:
@@ -87,6 +79,7 @@ class MavlinkDrone:
         self._poses = PoseBuffer()
         self._origin: GeodeticOrigin | None = None
         self._newest_boot_s = 0.0
+        self._thinning = Thinning(self._target_system, self._clock(), sparing=self._sparing)
 
     @property
     def name(self) -> str:
@@ -110,11 +103,6 @@ class MavlinkDrone:
         return self._link
 
     @property
-    def pilot_pid(self) -> int | None:
-        """Process id of the pilot process."""
-        return None if self._pilot is None else self._pilot.pid
-
-    @property
     def origin(self) -> GeodeticOrigin | None:
         """Fixed at the first healthy position; ellipsoid height where the autopilot tells it, else AMSL."""
         return self._origin
@@ -135,16 +123,11 @@ class MavlinkDrone:
             target_system=self._target_system,
             connect_timeout_s=timeout_s,
             flight=self._flight,
+            sparing=self._sparing,
         )
-        self._pilot = PilotProcess(config, self._pilot_log, self._clock)
-        try:
-            system = self._pilot.wait_ready(timeout_s + 2.0)
-        except LinkError:
-            sock.close()
-            self.close()
-            raise
-        drain(sock)
+        system = self._start_pilot(config, sock, timeout_s + 2.0, PILOT_MODULE)
         self._state = VehicleState(system)
+        self._thinning = Thinning(system, self._clock(), sparing=self._sparing)
         self._link = MavlinkLink(
             sock,
             source_system=system,
@@ -152,40 +135,29 @@ class MavlinkDrone:
             target_system=system,
             handler=self._take,
             handled=VEHICLE_MESSAGES,
+            wants=self._thinning.wants,
+            at_leisure=self._thinning.at_leisure,
             clock=self._clock,
         )
         wanted = {"GLOBAL_POSITION_INT": self._pose_rate_hz, "ATTITUDE": self._pose_rate_hz}
-        self._rates = MessageRates(self._link, wanted, self._clock())
-        try:
-            self._wait_for_poses(deadline)
-        except LinkError:
-            self.close()
-            raise
+        self._rates = MessageRates(self._link, wanted, self._clock(), self._thinning.passed_over)
+        self._wait_for_poses(deadline)
 
-    def _wait_for_poses(self, deadline_s: float) -> None:
-        while True:
-            self.keep_alive()
-            now = self._clock()
-            told = self._state.landed_state != mavlink.MAV_LANDED_STATE_UNDEFINED
-            if self._pose_rate() >= self._min_pose_rate_hz and self._state.connected(now) and told:
-                return
-            if self._pilot is None or not self._pilot.alive:
-                raise LinkError("the pilot process ended while connecting", "Its log may say why")
-            if now > deadline_s:
-                if not self._state.connected(now):
-                    raise LinkError(f"no heartbeat on {self._url}", "Check that the vehicle is on and in range")
-                raise LinkError(
-                    f"positions and attitudes come at {self._pose_rate():.0f} Hz,"
-                    f" {self._min_pose_rate_hz:.0f} Hz are needed",
-                    "Check that the link is fast enough and that the autopilot has a position",
-                )
-            time.sleep(0.05)  # looks again until the deadline
+    def _poses_come(self) -> bool:
+        told = self._state.landed_state != mavlink.MAV_LANDED_STATE_UNDEFINED
+        return super()._poses_come() and told
+
+    def _too_few_poses(self) -> LinkError:
+        if not self._state.connected(self._clock()):
+            return LinkError(f"no heartbeat on {self._url}", "Check that the vehicle is on and in range")
+        return LinkError(
+            f"positions and attitudes come at {self._pose_rate():.0f} Hz, {self._min_pose_rate_hz:.0f} Hz are needed",
+            "Check that the link is fast enough and that the autopilot has a position",
+        )
 
     def close(self) -> None:
         """Give control back if it is ours (the pilot process orders hold and ends), and close the link."""
-        if self._pilot is not None:
-            self._pilot.close()
-            self._pilot = None
+        super().close()
         if self._link is not None:
             self._link.close()
             self._link = None
@@ -193,30 +165,9 @@ class MavlinkDrone:
 
     def keep_alive(self) -> None:
         """Tell the pilot process that the program's loop is alive. Every other method does so, too."""
-        if self._pilot is not None:
-            self._pilot.keep_alive()
+        super().keep_alive()
         if self._rates is not None:
             self._rates.keep(self._clock())
-
-    def telemetry(self) -> Telemetry:
-        """The newest report."""
-        self.keep_alive()
-        now, state = self._clock(), self._state
-        alive = self._pilot is not None and self._pilot.alive
-        return Telemetry(
-            t_s=now,
-            connected=alive and state.connected(now),
-            armed=state.armed,
-            in_air=state.in_air,
-            mode=state.mode.name,
-            battery_fraction=state.battery_fraction,
-            height_m=state.height_m,
-            heading_rad=state.yaw_rad if state.attitude_s is not None else None,
-            position_ok=state.position_ok(now),
-            heading_ok=state.heading_ok(now),
-            pose_rate_hz=self._pose_rate(),
-            geoid_separation_m=state.geoid_separation_m,
-        )
 
     def pose_at(self, t_s: float) -> Pose | None:
         """Pose at a program time; None across gaps of more than 0.3 s, beyond the newest message, or before the origin.
@@ -225,6 +176,7 @@ class MavlinkDrone:
         `noise`.
         """
         self.keep_alive()
+        self._thinning.need(self._clock())
         with self._lock:
             if not self._boot.ready:
                 return None
@@ -235,69 +187,6 @@ class MavlinkDrone:
     def noise(self) -> NoiseModel:
         """How good the reported pose is within a pattern, see `mission.drones.pose_quality`."""
         return noise_model(self._state)
-
-    def begin(self, bounds: Bounds) -> None:
-        """A new order by the operator: control may be taken once, within `bounds`.
-
-        Raises:
-            LinkError: not connected, or the pilot process is gone.
-        """
-        if self._pilot is None or not self._pilot.send(Begin(bounds=bounds)):
-            raise LinkError("the drone is not connected", "Connect first")
-
-    def take_off(self, height_m: float) -> Order:
-        """Arm and climb to a height above the ground."""
-        return self._order("take-off", height_m=height_m)
-
-    def hover(self) -> Order:
-        """Take control and stay here."""
-        return self._order("hover")
-
-    def turn_to(self, heading_rad: float) -> Order:
-        """Turn on the spot."""
-        return self._order("turn", heading_rad=heading_rad)
-
-    def fly(self, path: Path) -> Order:
-        """Fly a path from here."""
-        return self._order("path", path=path)
-
-    def aim(self, heading_rad: float) -> None:
-        """The heading to keep from now on."""
-        if self._pilot is not None and math.isfinite(heading_rad):
-            self._pilot.send(Aim(heading_rad=heading_rad))
-
-    def hold(self) -> Order:
-        """Stop and give control back to the autopilot's hold mode."""
-        return self._order("hold")
-
-    def land(self) -> Order:
-        """Land here."""
-        return self._order("land")
-
-    def events(self) -> list[DroneEvent]:
-        """What happened since the last call, oldest first."""
-        self.keep_alive()
-        events = [DroneEvent(t_s, "statustext", text) for t_s, _, text in self._state.take_texts()]
-        if self._pilot is not None:
-            events += self._pilot.take_events()
-        return sorted(events, key=lambda e: e.t_s)
-
-    def _order(
-        self,
-        kind: OrderKind,
-        *,
-        height_m: float | None = None,
-        heading_rad: float | None = None,
-        path: Path | None = None,
-    ) -> Order:
-        reason = "the drone is not connected" if self._pilot is None else _not_a_number(height_m, heading_rad)
-        if self._pilot is None or reason:
-            order = WatchedOrder(kind)
-            order.move_on(OrderState.REFUSED, reason, self._clock())
-            return order
-        return self._pilot.order(
-            FlyOrder(id=next(self._ids), kind=kind, height_m=height_m, heading_rad=heading_rad, path=path)
-        )
 
     def _pose_rate(self) -> float:
         return 0.0 if self._rates is None else min(self._rates.hz("GLOBAL_POSITION_INT"), self._rates.hz("ATTITUDE"))
@@ -337,11 +226,3 @@ class MavlinkDrone:
         alt_m = message.alt * 1e-3 + self._geoid_m
         place = geodetic_to_enu(message.lat * 1e-7, message.lon * 1e-7, alt_m, self._origin)
         self._poses.add_position(boot_s, place, np.array([message.vy, message.vx, -message.vz]) * 0.01)
-
-
-def _not_a_number(*values: float | None) -> str:
-    return (
-        "the order has a value that is not a number"
-        if any(v is not None and not math.isfinite(v) for v in values)
-        else ""
-    )

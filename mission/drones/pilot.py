@@ -1,13 +1,7 @@
 """The pilot process, the only thing that flies: ``python -m mission.drones.pilot CONFIG``, started by `PilotProcess`.
 
 It owns the vehicle's connection (MAVSDK, forwarding to the program's pymavlink over loopback UDP), and reads orders
-from its standard input. What stops the vehicle, from the outside in:
-
-- The program is silent for 0.5 s: hold (`Flight`).
-- The program's end of the pipe closes, or its process is gone: hold, then this process ends.
-- An exception here: hold, then this process ends.
-- This process's own loop hangs: a thread orders hold after 0.5 s and ends the process; should Python itself hang, the
-  kernel's alarm ends it after 2 s. Its setpoints die with it, and the autopilot's own failsafe takes over.
+from its standard input. Its loop, and what stops the vehicle, is in `mission.drones.pilot_loop`.
 """
 
 from __future__ import annotations
@@ -15,9 +9,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import queue
-import signal
 import sys
-import threading
 import time
 from typing import Any
 
@@ -25,36 +17,25 @@ from mavsdk.enums import ForwardingOption
 from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 from mavsdk.mavsdk import Configuration, Mavsdk
 from mavsdk.system import System
-from pydantic import ValidationError
 
 from mission.drones.controls import MavsdkControls
-from mission.drones.drone import EventKind
 from mission.drones.flight import Flight
-from mission.drones.limits import Fence
+from mission.drones.limits import Fence, FlightSettings
 from mission.drones.link import MavlinkLink
 from mission.drones.loopback import loopback_socket
 from mission.drones.packet_loss import PacketLoss
 from mission.drones.pilot_config import MAVSDK_COMPONENT, PILOT_COMPONENT, PROGRAM_COMPONENT, PilotConfig
-from mission.drones.pilot_pipe import LoopWatchdog, PilotPipe, own_stdout
-from mission.drones.pilot_protocol import (
-    Aim,
-    Begin,
-    EventReport,
-    Failed,
-    FlyOrder,
-    KeepAlive,
-    Quit,
-    Ready,
-)
+from mission.drones.pilot_loop import run
+from mission.drones.pilot_protocol import EventReport
+from mission.drones.preconditions import Guards
 from mission.drones.rates import MessageRates, ask_rate
 from mission.drones.safeguards import SAFEGUARD_MESSAGES, Safeguards
+from mission.drones.thinning import Thinning
 from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState
-from mission.errors import LinkError, SidestepError
+from mission.errors import LinkError
 
 _LOG = logging.getLogger(__name__)
 
-TICK_S = 0.02
-_FAREWELL_S = 6.0
 _FOREIGN = ("SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET", "COMMAND_INT")
 _DO_REPOSITION = 192
 _ASK_TARGET_S = 2.0
@@ -64,15 +45,22 @@ _IDLE_TARGET_HZ = 2.0
 
 
 class _Vehicle:
-    """The connections: MAVSDK on the vehicle's, and two loopback links behind it."""
+    """The connections: MAVSDK on its own, and two loopback links behind it; `pilot_loop.Aircraft` and `Guards`."""
+
+    farewell_s = 6.0
+    idle_tick_s = 0.05
+    sign_of_life = "the autopilot's heartbeat"
 
     def __init__(self, config: PilotConfig) -> None:
+        self.settings: FlightSettings = config.flight
         self.mavsdk, self.system = _connect(config)
         self.state = VehicleState(self.system.get_system_id())
         self.safeguards = Safeguards(self.state)
         self.loss = PacketLoss()
         self.rivals: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._own = {MAVSDK_COMPONENT, PILOT_COMPONENT, PROGRAM_COMPONENT}
+        self._thinning = Thinning(self.state.system, time.monotonic(), sparing=config.sparing)
+        self._cautioned = False
         sock = loopback_socket()
         port = sock.getsockname()[1]
         self.link = MavlinkLink(
@@ -82,7 +70,8 @@ class _Vehicle:
             target_system=self.state.system,
             handler=self._take,
             handled=(*VEHICLE_MESSAGES, *_FOREIGN, *SAFEGUARD_MESSAGES),
-            on_frame=lambda frame, now_s: self.loss.observe(frame, self.state.system, now_s),
+            wants=self._look_at,
+            at_leisure=self._thinning.at_leisure,
         )
         for loopback in (port, config.program_port):
             self.mavsdk.add_any_connection_with_handle_and_forwarding(
@@ -94,6 +83,29 @@ class _Vehicle:
         self._target_watched = False
         self._target_asks = _ASK_TARGET_TIMES
 
+    @property
+    def guards(self) -> Guards:
+        """Its safeguards, and its link."""
+        return self
+
+    def look(self, flight: Flight, now_s: float) -> list[EventReport]:
+        """Hand over what others on the link order, and ask the autopilot for what is to be known."""
+        with contextlib.suppress(queue.Empty):
+            while True:
+                flight.rival(self.rivals.get_nowait(), now_s)
+        if flight.phase != "idle":
+            self._thinning.need(now_s)
+        self.keep_rates(now_s)
+        self.safeguards.ask(self.link, now_s)
+        self.watch_target(flight.phase in ("entering", "flying"), now_s)
+        if self._cautioned or not self.safeguards.known:
+            return []
+        self._cautioned = True
+        return [EventReport(t_s=now_s, kind="caution", text=text) for text in self.safeguards.cautions()]
+
+    def send(self, now_s: float) -> None:
+        """Nothing: the controls have sent it."""
+
     def keep_rates(self, now_s: float) -> None:
         """Ask for what the flight watches, in the autopilot's own terms."""
         if self.rates is None and self.state.heartbeat_s is not None:
@@ -103,7 +115,7 @@ class _Vehicle:
                 wanted |= {"CURRENT_MODE": 20.0, "ESTIMATOR_STATUS": 1.0}
             else:
                 wanted |= {"EKF_STATUS_REPORT": 2.0}
-            self.rates = MessageRates(self.link, wanted, now_s)
+            self.rates = MessageRates(self.link, wanted, now_s, self._thinning.passed_over)
         if self.rates is not None:
             self.rates.keep(now_s)
 
@@ -138,6 +150,10 @@ class _Vehicle:
         self.controls.release()
         self.link.close()
         self.mavsdk.destroy()
+
+    def _look_at(self, message_id: int, frame: bytes, arrived_s: float) -> bool:
+        self.loss.observe(frame, self.state.system, arrived_s)
+        return self._thinning.wants(message_id, frame, arrived_s)
 
     def _take(self, message: Any, arrived_s: float) -> None:
         name = message.get_type()
@@ -194,79 +210,7 @@ def _wait_for_system(mavsdk: Mavsdk, wanted: int, deadline_s: float) -> System |
 
 def main(arguments: list[str]) -> int:
     """Run until the program goes; exit status 0 after an orderly end."""
-    source, sink = own_stdout()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    pipe = PilotPipe(source, sink)
-    try:
-        config = PilotConfig.model_validate_json(arguments[0])
-        vehicle = _Vehicle(config)
-    except (IndexError, ValidationError, SidestepError) as error:
-        cause, remedy = (error.cause, error.remedy) if isinstance(error, SidestepError) else (str(error), "")
-        pipe.send(Failed(cause=cause, remedy=remedy))
-        pipe.flush(1.0)
-        return 2
-    flight = Flight(vehicle.controls, vehicle.state, config.flight, pipe.send, vehicle)
-    pipe.send(Ready(system=vehicle.state.system))
-    alive = LoopWatchdog(vehicle.controls.stop)
-    try:
-        _fly(flight, vehicle, pipe, alive)
-    finally:
-        # Also after an exception: the vehicle must not be left flying our last setpoint.
-        flight.stop("failsafe", "the pilot process failed", time.monotonic())
-        until = time.monotonic() + _FAREWELL_S
-        while flight.phase == "holding" and time.monotonic() < until:
-            alive.tick()
-            flight.step(time.monotonic())
-            time.sleep(TICK_S)  # paces the loop
-        pipe.flush(0.5)
-        alive.stop()
-        vehicle.close()
-    return 0
-
-
-def _fly(flight: Flight, vehicle: _Vehicle, pipe: PilotPipe, alive: LoopWatchdog) -> None:
-    quit_asked = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: quit_asked.set())
-    connected: bool | None = None
-    cautioned = False
-    next_s = time.monotonic()
-    while True:
-        now = time.monotonic()
-        alive.tick()
-        for line in pipe.take():
-            flight.heard(now)
-            match line:
-                case Begin():
-                    flight.begin(line.bounds, now)
-                case Aim():
-                    flight.aim(line.heading_rad)
-                case FlyOrder():
-                    flight.order(line, now)
-                case Quit():
-                    quit_asked.set()
-                case KeepAlive():
-                    pass
-        with contextlib.suppress(queue.Empty):
-            while True:
-                flight.rival(vehicle.rivals.get_nowait(), now)
-        vehicle.keep_rates(now)
-        vehicle.safeguards.ask(vehicle.link, now)
-        if vehicle.safeguards.known and not cautioned:
-            cautioned = True
-            for text in vehicle.safeguards.cautions():
-                pipe.send(EventReport(t_s=now, kind="caution", text=text))
-        vehicle.watch_target(flight.phase in ("entering", "flying"), now)
-        flight.step(now)
-        if vehicle.state.connected(now) != connected and vehicle.state.heartbeat_s is not None:
-            if connected is not None:
-                kind: EventKind = "link-lost" if connected else "link-back"
-                pipe.send(EventReport(t_s=now, kind=kind, text="the autopilot's heartbeat"))
-            connected = vehicle.state.connected(now)
-        if pipe.closed.is_set() or quit_asked.is_set():
-            flight.stop("deadman", "the program has ended", now)
-            return
-        next_s = max(next_s + TICK_S, now)
-        time.sleep(max(0.0, next_s - time.monotonic()))  # paces the loop
+    return run(lambda _: _Vehicle(PilotConfig.model_validate_json(arguments[0] if arguments else "")))
 
 
 if __name__ == "__main__":

@@ -27,3 +27,5 @@ class PilotConfig(BaseModel):
     """The vehicle; 0 takes the first autopilot that is heard."""
     connect_timeout_s: float = 10.0
     flight: FlightSettings = FlightSettings()
+    sparing: bool = False
+    """Decode little while nothing is flown, see `mission.drones.thinning`."""

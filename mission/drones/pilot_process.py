@@ -105,6 +105,7 @@ class PilotProcess:
         self._clock = clock
         self._orders: dict[int, WatchedOrder] = {}
         self._events: deque[DroneEvent] = deque(maxlen=500)
+        self._lost: DroneEvent | None = None
         self._lock = threading.Lock()
         self._said_s = 0.0
         self._answered = threading.Event()
@@ -169,11 +170,11 @@ class PilotProcess:
         return watched
 
     def take_events(self) -> list[DroneEvent]:
-        """What happened since the last call."""
+        """What happened since the last call; that the process is gone is told every time, so that nobody misses it."""
         with self._lock:
             events = list(self._events)
             self._events.clear()
-        return events
+        return events if self._lost is None else [*events, self._lost]
 
     def close(self, timeout_s: float = 8.0) -> None:
         """Let it give control back and end; killed when it does not. Safe to call twice."""
@@ -203,8 +204,8 @@ class PilotProcess:
             orders = list(self._orders.values())
             self._orders.clear()
             if not self._closing and self._ready is not None:
-                self._events.append(
-                    DroneEvent(now, "pilot-process-lost", "the pilot process is gone; the autopilot's failsafe acts")
+                self._lost = DroneEvent(
+                    now, "pilot-process-lost", "the pilot process is gone; the autopilot's failsafe acts"
                 )
         for order in orders:
             order.move_on(OrderState.ENDED, "the pilot process is gone", now)

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from mission.drones.drone import Bounds
-from mission.drones.limits import Fence, FlightSettings, lossy
+from mission.drones.limits import Fence, FlightSettings, lossy, with_loss
 from mission.drones.vehicle import VehicleState
 
 _FLOWN_M_S = 1.0
@@ -71,7 +71,7 @@ def refusal(
     """The first reason not to take off (`on_ground`) or not to take control in the air; None when there is none."""
     loss = guards.packet_loss(now_s)
     if not vehicle.connected(now_s):
-        return "the autopilot is not heard"
+        return with_loss("the autopilot is not heard", loss, settings)
     if vehicle.autopilot == "other":
         return "the autopilot is neither PX4 nor ArduPilot"
     if not vehicle.multicopter:
@@ -81,9 +81,9 @@ def refusal(
     if not on_ground and not vehicle.in_air:
         return "the vehicle is not armed and airborne"
     if not vehicle.position_ok(now_s):
-        return "the position is not healthy (GPS fix, estimator)"
+        return with_loss("the position is not healthy (GPS fix, estimator)", loss, settings)
     if not vehicle.heading_ok(now_s):
-        return "the heading is not healthy"
+        return with_loss("the heading is not healthy", loss, settings)
     if on_ground and vehicle.prearm_ok is False:
         return "the autopilot's checks before arming do not pass"
     battery = vehicle.battery_fraction

@@ -23,11 +23,15 @@ class MessageRates:
         link: to ask on, and whose counts are read.
         wanted: message name to rate, Hz.
         now_s: time of the first count.
+        undecoded: how many came that the link did not decode, by name.
     """
 
-    def __init__(self, link: MavlinkLink, wanted: Mapping[str, float], now_s: float) -> None:
+    def __init__(
+        self, link: MavlinkLink, wanted: Mapping[str, float], now_s: float, undecoded: Mapping[str, int] | None = None
+    ) -> None:
         self.wanted = dict(wanted)
         self._link = link
+        self._undecoded = {} if undecoded is None else undecoded
         self._counted_s = now_s
         self._counts = dict.fromkeys(wanted, 0)
         self._asked_s: float | None = None
@@ -42,7 +46,7 @@ class MessageRates:
         elapsed = now_s - self._counted_s
         if elapsed >= _WINDOW_S:
             for name in self.wanted:
-                count = self._link.received[name]
+                count = self._link.received[name] + self._undecoded.get(name, 0)
                 self._measured[name] = (count - self._counts.get(name, 0)) / elapsed
                 self._counts[name] = count
             self._counted_s = now_s

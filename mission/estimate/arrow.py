@@ -35,11 +35,6 @@ class Factored:
     schur: Matrix
     """Lower Cholesky factor of the border's information with the chain eliminated, (m, m)."""
 
-    @property
-    def log_determinant(self) -> float:
-        """Of the whole matrix."""
-        return 2.0 * float(np.log(self.band[0]).sum() + np.log(np.diag(self.schur)).sum())
-
     def solve(self, chain: Vector, border: Vector) -> tuple[Vector, Vector]:
         """Chain (n * b,) and border (m,) that solve the equations for the right-hand side."""
         half, _ = lapack.dtbtrs(self.band, chain, uplo="L")

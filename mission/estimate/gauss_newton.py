@@ -38,8 +38,6 @@ class Minimum:
     at: Linearised
     factored: Factored
     steps: int
-    promised: float
-    """By how much the next step would lower chi-square, where that is known; else what the last one promised."""
     converged: bool
 
 
@@ -71,18 +69,18 @@ def minimise(
         moved = _line_search(model, at, chain_step.reshape(at.state.chain.shape), border_step, promised)
         steps += 1
         if moved is None:
-            return Minimum(at, factored, steps, promised, converged=promised < 200.0 * tolerance)
+            return Minimum(at, factored, steps, converged=promised < 200.0 * tolerance)
         at = moved
         # Convergence is linear at worst, so the next step would promise about promised^2 / before.
         if promised < _NEARLY and promised * promised < tolerance * before < math.inf:
-            return Minimum(at, factored, steps, promised, converged=True)
+            return Minimum(at, factored, steps, converged=True)
         if promised < _NEARLY:
             at, promised = _ended(model, at, factored, tolerance)
             if promised < tolerance:
-                return Minimum(at, factored, steps, promised, converged=True)
+                return Minimum(at, factored, steps, converged=True)
         before = promised
         if steps >= max_steps:
-            return Minimum(at, factored, steps, promised, converged=False)
+            return Minimum(at, factored, steps, converged=False)
 
 
 def _ended(model: JointModel, at: Linearised, factored: Factored, tolerance: float) -> tuple[Linearised, float]:

@@ -28,14 +28,6 @@ class Precision:
     off: Vector
     """(n - 1,), the element between each time and the next."""
 
-    def log_determinant(self) -> float:
-        """Natural logarithm of the determinant."""
-        pivot, total = 0.0, 0.0
-        for i, d in enumerate(self.diagonal):
-            pivot = d - (self.off[i - 1] ** 2 / pivot if i else 0.0)
-            total += float(np.log(pivot))
-        return total
-
 
 def white(count: int) -> Precision:
     """Unit variance, independent from time to time."""

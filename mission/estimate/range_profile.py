@@ -43,8 +43,6 @@ class RangeProfile:
     """Whether chi-square rose by `_DEPTH` on both sides, so that there is a range at all."""
     nearest_m: float
     """Range at which chi-square has risen by 4 on the near side (2 sigmas), about."""
-    farthest_m: float
-    """The same on the far side; of the last range looked at where it never rises that much."""
 
 
 def profile_range(model: JointModel, minimum: Minimum) -> RangeProfile:
@@ -71,7 +69,6 @@ def profile_range(model: JointModel, minimum: Minimum) -> RangeProfile:
         _mixture([node.moments for node in nodes], weights),
         bounded=bool(cost[0] - cost.min() >= _DEPTH and cost[-1] - cost.min() >= _DEPTH),
         nearest_m=float(likely.min()),
-        farthest_m=float(likely.max()),
     )
 
 
@@ -94,7 +91,7 @@ def _walk(model: JointModel, minimum: Minimum, sight: Vector, best: float, step:
         if held is None:
             break
         at, equations = held, model.normal_equations(held)
-        nodes.append(_node(model, Minimum(at, equations[0], 0, 0.0, converged=True), sight, wanted))
+        nodes.append(_node(model, Minimum(at, equations[0], 0, converged=True), sight, wanted))
         if at.cost - minimum.at.cost > _DEPTH:
             break
     return nodes

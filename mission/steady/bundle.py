@@ -1,16 +1,9 @@
 """Bundle adjustment with priors: key frames' corrections and the background's points, from where the points appear.
 
 Unknown are, per key frame, a rotation Exp(theta) in front of the reported attitude and an offset of the reported
-position, and per point a direction d and an inverse distance rho, both seen from one place c0 in the middle of the
-path (inverse depth: Civera, Davison & Montiel 2008; from one place for all, so that a point hangs on no frame's pose
-and one at infinity is nothing special):
-
-    y = R' (d + rho (c0 - c)),   predicted = (y_x / y_z, y_y / y_z)
-
-The points are eliminated first (Schur complement; Triggs et al. 2000), what is left is solved by Cholesky. Outliers
-lose their weight by Geman & McClure's function, whose scale starts wide and shrinks (graduated non-convexity). A row
-of a rolling shutter is exposed at its own time, at which the camera has gone on turning and moving at the frame's
-rates.
+position, and per point a direction and an inverse distance (`mission.steady.projection`). The points are eliminated
+first (Schur complement; Triggs et al. 2000), what is left is solved by Cholesky. Outliers lose their weight by Geman &
+McClure's function, whose scale starts wide and shrinks (graduated non-convexity).
 """
 
 from __future__ import annotations
@@ -23,70 +16,27 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csc_array
 
 from mission.records import Matrix, Vector
+from mission.steady.projection import Cameras, Landmarks, Rows, corrected, linearise, tangents
 from mission.steady.rotations import cross_matrix, exponential, rotation_logarithm
 from mission.steady.row_weights import length2_of, noise_scale, persistence, row_weights
 from mission.steady.similarity import PosePrior, Similarity, most_likely_similarity
 
-LEAST_DEPTH = 0.05
-"""Of y_z below which a point is no longer in front of the camera, with |d| = 1."""
 _NEARNESS_DAMPING = 0.5
 _DIRECTION_DAMPING = 0.5
 """A step of this size (1/m, radians) costs one: keeps a point that is hardly seen where it is (Levenberg). A prior
 towards zero would do so too, but it would pull the world apart, whose size the pictures do not hold."""
+_FIRST_NEARNESS = 0.05
 _NEARNESS_RANGE = (-0.2, 2.0)
 _NARROWING = 0.6
 """Of the outliers' scale, from step to step."""
 _LIMIT = 4.0
 """Of the outliers' scale in the end, in standard deviations of an ordinary row."""
+_REWEIGHTED = 3
+"""Rows are weighed so often at the scale of the end. Points that err together all along draw the solution towards
+themselves a little more each time, over ten steps and more; on rendered flights that made headings no better."""
 _CONVERGED = 1e-4
 """Radians (ten metres for one of them): largest step after which the next is not worth its time."""
 MAX_STEPS = 20
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Cameras:
-    """Where the camera was at each frame and how it moved; k frames."""
-
-    t_s: Vector
-    """(k,)."""
-    rotation: NDArray[np.float64]
-    """(k, 3, 3) world_from_camera."""
-    position_m: Matrix
-    """(k, 3) ENU."""
-    turn_rate: Matrix
-    """(k, 3) rad/s, camera axes."""
-    velocity_m_s: Matrix
-    """(k, 3) ENU."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rows:
-    """Where points were seen; n of them."""
-
-    frame: NDArray[np.intp]
-    """(n,) place in `Cameras`."""
-    point: NDArray[np.intp]
-    """(n,) number of the point, 0 to m - 1."""
-    measured: Matrix
-    """(n, 2) tangents, without the lens's distortion."""
-    delay_s: Vector
-    """(n,) by how much later than the frame's time the row was exposed."""
-
-    def only(self, keep: NDArray[np.bool_]) -> Rows:
-        """Some of the rows; points keep their numbers."""
-        return Rows(self.frame[keep], self.point[keep], self.measured[keep], self.delay_s[keep])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Landmarks:
-    """Points of the background; m of them."""
-
-    origin_m: Vector
-    """(3,), c0."""
-    direction: Matrix
-    """(m, 3), unit."""
-    nearness: Vector
-    """(m,) rho, 1/m; may be zero or slightly negative for far points."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +75,12 @@ class Bundle:
 
 
 def adjust(
-    cameras: Cameras, rows: Rows, prior: PosePrior, least_sigma: float, start_scale: float, steps: int = MAX_STEPS
+    cameras: Cameras,
+    rows: Rows,
+    prior: PosePrior,
+    least_sigma: float,
+    start_scale: float,
+    steps: int = MAX_STEPS,
 ) -> Bundle:
     """The most probable cameras and points.
 
@@ -143,24 +98,27 @@ def adjust(
     reported, points = cameras, int(rows.point.max()) + 1
     landmarks = _first_landmarks(cameras, rows, points)
     turn, place = np.tile(np.eye(3), (len(cameras.t_s), 1, 1)), np.zeros((len(cameras.t_s), 3))
+    settled, trust = 0, np.empty(0)
     for step in range(steps):
         residual, by_camera, by_point = linearise(cameras, landmarks, rows)
-        length2 = length2_of(residual)
-        scale = noise_scale(length2, least_sigma)
-        wide = start_scale * _NARROWING**step
-        weight = row_weights(length2, max(wide, _LIMIT * scale), scale, rows.point)
+        if settled < _REWEIGHTED:
+            length2 = length2_of(residual)
+            scale = noise_scale(length2, least_sigma)
+            wide = start_scale * _NARROWING**step
+            settled += wide <= _LIMIT * scale
+            trust = row_weights(length2, max(wide, _LIMIT * scale), scale, rows.point) / scale**2
         theta, offset, landmarks, factored = _step(
-            by_camera, by_point, residual, weight / scale**2, rows, prior, landmarks, cameras, turn, place
+            by_camera, by_point, residual, trust, rows, prior, landmarks, cameras, turn, place
         )
         turn, place = exponential(theta) @ turn, place + offset
-        similarity = most_likely_similarity(reported.position_m + place, reported.position_m, turn, prior)
+        similarity = most_likely_similarity(reported.position_m + place, reported.position_m, turn, prior, rounds=1)
         landmarks = _moved(landmarks, similarity)
         turn = similarity.turn @ turn
         arm = reported.position_m + place - similarity.pivot_m
         place = similarity.pivot_m + similarity.offset_m + similarity.scale * arm @ similarity.turn.T
         place = place - reported.position_m
         cameras = corrected(reported, turn, place)
-        if wide <= _LIMIT * scale and max(np.abs(theta).max(), 0.1 * np.abs(offset).max()) < _CONVERGED:
+        if settled > 0 and max(np.abs(theta).max(), 0.1 * np.abs(offset).max()) < _CONVERGED:
             break
     residual, _, _ = linearise(cameras, landmarks, rows)
     length2 = length2_of(residual)
@@ -176,81 +134,23 @@ def adjust(
     )
 
 
-def corrected(reported: Cameras, turn: NDArray[np.float64], place: Matrix) -> Cameras:
-    """The reported cameras with rotations (k, 3, 3) in front of their attitudes and offsets (k, 3) on their positions.
-
-    Their rates are corrected along: a rolling shutter must not hold on to the reported ones, which are of another size.
-    """
-    rotation = turn @ reported.rotation
-    if len(reported.t_s) < 3:
-        return replace(reported, rotation=rotation, position_m=reported.position_m + place)
-    turning = np.gradient(rotation_logarithm(turn), reported.t_s, axis=0)
-    return Cameras(
-        reported.t_s,
-        rotation,
-        reported.position_m + place,
-        reported.turn_rate + np.einsum("kji,kj->ki", rotation, turning),
-        reported.velocity_m_s + np.gradient(place, reported.t_s, axis=0),
-    )
-
-
-def row_poses(cameras: Cameras, rows: Rows) -> tuple[NDArray[np.float64], Matrix]:
-    """World_from_camera (n, 3, 3) and position (n, 3) at each row's own time."""
-    turned = exponential(cameras.turn_rate[rows.frame] * rows.delay_s[:, None])
-    place = cameras.position_m[rows.frame] + cameras.velocity_m_s[rows.frame] * rows.delay_s[:, None]
-    return cameras.rotation[rows.frame] @ turned, place
-
-
 def _first_landmarks(cameras: Cameras, rows: Rows, points: int) -> Landmarks:
     """Each point in the mean direction of its sightings, far away."""
-    rotation, _ = row_poses(cameras, rows)
-    ray = np.einsum("nij,nj->ni", rotation, np.column_stack([rows.measured, np.ones(len(rows.measured))]))
+    turned = exponential(cameras.turn_rate[rows.frame] * rows.delay_s[:, None])
+    ray = np.column_stack([rows.measured, np.ones(len(rows.measured))])
+    ray = np.einsum("nij,njk,nk->ni", cameras.rotation[rows.frame], turned, ray, optimize=True)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     direction = np.zeros((points, 3))
     np.add.at(direction, rows.point, ray)
     length = np.linalg.norm(direction, axis=1, keepdims=True)
     direction = np.where(length > 0.0, direction / np.maximum(length, 1e-9), [0.0, 0.0, 1.0])
-    return Landmarks(cameras.position_m.mean(axis=0), direction, np.full(points, 0.05))
+    return Landmarks(cameras.position_m.mean(axis=0), direction, np.full(points, _FIRST_NEARNESS))
 
 
 def _moved(landmarks: Landmarks, by: Similarity) -> Landmarks:
     """The points after a similarity."""
     place = by.pivot_m + by.offset_m + by.scale * by.turn @ (landmarks.origin_m - by.pivot_m)
     return Landmarks(place, landmarks.direction @ by.turn.T, landmarks.nearness / by.scale)
-
-
-def _tangents(direction: Matrix) -> NDArray[np.float64]:
-    """(m, 3, 2): two unit vectors across each direction."""
-    least = np.argmin(np.abs(direction), axis=1)
-    first = np.cross(direction, np.eye(3)[least])
-    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-9)
-    return np.stack([first, np.cross(direction, first)], axis=2)
-
-
-def linearise(
-    cameras: Cameras, landmarks: Landmarks, rows: Rows
-) -> tuple[Matrix, NDArray[np.float64], NDArray[np.float64]]:
-    """Residual (n, 2), and the derivative of the prediction by theta and position (n, 2, 6) and by d, rho (n, 2, 3)."""
-    rotation, place = row_poses(cameras, rows)
-    nearness = landmarks.nearness[rows.point]
-    away = landmarks.origin_m - place
-    g = landmarks.direction[rows.point] + nearness[:, None] * away
-    y = np.einsum("nji,nj->ni", rotation, g)
-    behind = ~(y[:, 2] > LEAST_DEPTH)
-    inverse = 1.0 / np.where(behind, 1.0, y[:, 2])
-    ideal = y[:, :2] * inverse[:, None]
-    residual = rows.measured - ideal
-    residual[behind] = np.nan
-    # d(ideal) / dy R', the derivative by g.
-    by_g = (np.swapaxes(rotation, 1, 2)[:, :2] - ideal[:, :, None] * rotation[:, None, :, 2]) * inverse[:, None, None]
-    by_g[behind] = 0.0
-    by_camera = np.empty((len(y), 2, 6))
-    by_camera[:, :, :3] = by_g @ cross_matrix(g)
-    by_camera[:, :, 3:] = -nearness[:, None, None] * by_g
-    by_point = np.empty((len(y), 2, 3))
-    by_point[:, :, :2] = by_g @ _tangents(landmarks.direction)[rows.point]
-    by_point[:, :, 2] = np.einsum("nij,nj->ni", by_g, away)
-    return residual, by_camera, by_point
 
 
 def _step(
@@ -302,7 +202,7 @@ def _step(
     solution = cho_solve(factored, gradient.ravel() - reduced_flat @ point_gradient.ravel(), check_finite=False)
     point_step = np.einsum("pij,pj->pi", inverse, point_gradient - (flat.T @ solution).reshape(points, 3))
     # A direction turns by at most half a radian a step, and stays a unit vector.
-    across = np.einsum("pij,pj->pi", _tangents(landmarks.direction), np.clip(point_step[:, :2], -0.5, 0.5))
+    across = np.einsum("pij,pj->pi", tangents(landmarks.direction), np.clip(point_step[:, :2], -0.5, 0.5))
     direction = landmarks.direction + across
     length = np.linalg.norm(direction, axis=1)
     nearness = np.clip((landmarks.nearness + point_step[:, 2]) / length, *_NEARNESS_RANGE)

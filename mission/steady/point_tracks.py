@@ -1,9 +1,12 @@
 """Points of the picture followed from frame to frame: a corner to a cell, pyramidal Lucas-Kanade there and back.
 
 Corners are the points with the largest smaller eigenvalue of the gradient's covariance (Shi & Tomasi 1994); each cell
-of a grid without a point gets its best one, so that near ground and far houses both have some. A point is followed
-until the way back does not lead to where it came from (Kalal, Mikolajczyk & Matas 2010), or it enters a box that is
-left out. Everything is kept until the flight is over; what moves by itself is told apart afterwards.
+of a coarse grid without a point gets its best one, so that near ground and far houses both have some, and each cell of
+a fine one its best if it is good. That makes many points: each drifts on its own, by half a pixel a second, and that is
+what limits the camera's rotation (the same drifts with random signs gave the same errors on rendered flights, white
+noise of the same size a sixth). A point is followed until the way back does not lead to where it came from (Kalal,
+Mikolajczyk & Matas 2010), or it enters a box that is left out; where the camera comes past again it is taken up again
+(`mission.steady.refind`). Everything is kept until the flight is over; what moves by itself is told apart afterwards.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.records import Box, CameraIntrinsics, Frame, Image, Matrix
+from mission.steady.refind import Album
 
 _WORK_WIDTH_PX = 320
 _CELL_PX = 30
@@ -27,9 +31,19 @@ _BACK_ERROR_PX = 0.4
 """Work pixels between a point and where the way there and back ends."""
 _LEAST_EIGENVALUE = 4e-5
 """Of a corner: contrast of about 1.5 grey levels a pixel in its weaker direction, above the video's noise."""
+_SMALL_CELL_PX = 15
+_GOOD_EIGENVALUE = 3e-4
+"""Of a corner that is followed besides: each point drifts by its own, so many are better than few."""
+_APART_PX = 5.0
+"""Work pixels that a new corner keeps from the points that there are."""
 _REFILL_EVERY = 3
+_LOOK_BACK_EVERY = 4
+_SAME_PX = 3.0
+"""Work pixels between two points of the same thing."""
 _EDGE_PX = 6
-_STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 0.01)
+_LEVELS_BACK = 1
+"""The way back begins where most points were, so it is short."""
+_STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)
 _GROWN = 0.25
 """By which a person's box is grown on each side, as a share of its width: arms, shadow at the feet, a loose box."""
 MAX_FRAMES = 1200
@@ -70,6 +84,7 @@ class PointTracker:
         self._size = intrinsics.width_px // self.scale, intrinsics.height_px // self.scale
         self.frames: list[TrackedFrame] = []
         self._next = 0
+        self._album = Album(self._size)
 
     def add(self, frame: Frame, left_out: Sequence[Box] = (), roll_rad: float = 0.0) -> None:
         """Follow the points into the next frame.
@@ -99,12 +114,37 @@ class PointTracker:
             there, found = follow(last.grey, grey, last.point, last.point)
             found &= _inside(there, wanted)
             track, point = last.track[found], there[found]
+        if len(self.frames) % _LOOK_BACK_EVERY == 0:
+            track, point = self._seen_again(grey, frame.t_s, wanted, track, point)
         if len(self.frames) % _REFILL_EVERY == 0 or len(point) < wanted.size // (8 * _CELL_PX**2):
             fresh = _corners(grey, point, wanted)
             track = np.concatenate([track, np.arange(self._next, self._next + len(fresh), dtype=np.int32)])
             point = np.concatenate([point, fresh])
             self._next += len(fresh)
         self.frames.append(TrackedFrame(frame.t_s, grey, track, point, roll_rad, tuple(left_out)))
+
+    def _seen_again(
+        self, grey: Image, t_s: float, wanted: NDArray[np.uint8], track: NDArray[np.int32], point: Points
+    ) -> tuple[NDArray[np.int32], Points]:
+        """The points with those that are found again from an earlier picture; each takes over from a new one there."""
+        twin = self._album.look(grey, t_s, len(self.frames))
+        if twin is None:
+            return track, point
+        old = self.frames[twin.number]
+        gone = ~np.isin(old.track, track)
+        start = old.point[gone]
+        guess = np.asarray(start + np.array(twin.shift), dtype=np.float32)
+        likely = _inside(guess, wanted)
+        there, found = follow(old.grey, grey, start[likely], guess[likely])
+        found &= _inside(there, wanted)
+        again, there = old.track[gone][likely][found], there[found]
+        if len(again) == 0:
+            return track, point
+        near = np.abs(point[:, None] - there[None]).max(axis=2, initial=0.0) < _SAME_PX
+        taken_over = (near & (track[:, None] > again[None])).any(axis=1)
+        track, point = np.concatenate([track[~taken_over], again]), np.concatenate([point[~taken_over], there])
+        order = np.argsort(track, kind="stable")
+        return track[order], point[order]
 
     def pixels(self, frame: TrackedFrame, points: Points) -> Matrix:
         """Picture pixels, (0, 0) = outer corner of the top left one, of work pixels (n, 2) of a frame."""
@@ -159,7 +199,7 @@ def follow(before: Image, now: Image, start: Points, guess: Points) -> tuple[Poi
     # Back from where most points moved, not from each one's own beginning, which would find itself.
     blind = there - np.median(there - began, axis=0)
     back, returned, _ = cv2.calcOpticalFlowPyrLK(
-        now, before, there, blind, winSize=_WINDOW, maxLevel=_LEVELS, criteria=_STOP, flags=flags
+        now, before, there, blind, winSize=_WINDOW, maxLevel=_LEVELS_BACK, criteria=_STOP, flags=flags
     )
     error = np.abs(back - began).reshape(-1, 2).max(axis=1)
     good = (found.ravel() == 1) & (returned.ravel() == 1) & (error < _BACK_ERROR_PX)
@@ -175,17 +215,26 @@ def _inside(points: Points, wanted: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def _corners(grey: Image, taken: Points, wanted: NDArray[np.uint8]) -> Points:
-    """The best corner (n, 2) of each cell that has no point yet."""
-    strength = cv2.cornerMinEigenVal(grey, 5)
+    """The best corner (n, 2) of each large cell that has no point yet, and then good ones of small cells."""
+    strength = np.asarray(cv2.cornerMinEigenVal(grey, 5), dtype=np.float32)
     strength[wanted == 0] = 0.0
-    rows, columns = grey.shape[0] // _CELL_PX, grey.shape[1] // _CELL_PX
-    grid = strength[: rows * _CELL_PX, : columns * _CELL_PX].reshape(rows, _CELL_PX, columns, _CELL_PX)
+    some = _best_of_cells(strength, taken, _CELL_PX, _LEAST_EIGENVALUE)
+    more = _best_of_cells(strength, np.concatenate([taken, some]), _SMALL_CELL_PX, _GOOD_EIGENVALUE)
+    return np.concatenate([some, more])
+
+
+def _best_of_cells(strength: NDArray[np.float32], taken: Points, cell_px: int, least: float) -> Points:
+    """The strongest pixel (n, 2) of each cell without a point, where it is strong enough and no point is near."""
+    rows, columns = strength.shape[0] // cell_px, strength.shape[1] // cell_px
+    grid = strength[: rows * cell_px, : columns * cell_px].reshape(rows, cell_px, columns, cell_px)
     cells = np.asarray(grid.transpose(0, 2, 1, 3).reshape(rows * columns, -1))
     best = cells.argmax(axis=1)
-    good = cells[np.arange(len(cells)), best] > _LEAST_EIGENVALUE
-    across = np.clip((taken[:, 0] // _CELL_PX).astype(int), 0, columns - 1)
-    down = np.clip((taken[:, 1] // _CELL_PX).astype(int), 0, rows - 1)
+    good = cells[np.arange(len(cells)), best] > least
+    across = np.clip((taken[:, 0] // cell_px).astype(int), 0, columns - 1)
+    down = np.clip((taken[:, 1] // cell_px).astype(int), 0, rows - 1)
     good[down * columns + across] = False
     cell = np.flatnonzero(good)
-    row, column = cell // columns * _CELL_PX + best[cell] // _CELL_PX, cell % columns * _CELL_PX + best[cell] % _CELL_PX
-    return np.stack([column, row], axis=1).astype(np.float32)
+    row, column = cell // columns * cell_px + best[cell] // cell_px, cell % columns * cell_px + best[cell] % cell_px
+    found = np.stack([column, row], axis=1).astype(np.float32)
+    alone = ~(np.abs(found[:, None] - taken[None]).max(axis=2) < _APART_PX).any(axis=1)
+    return np.asarray(found[alone], dtype=np.float32)

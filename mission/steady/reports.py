@@ -18,7 +18,7 @@ from mission.camera.camera import Camera
 from mission.pose import Pose
 from mission.records import Matrix, NoiseModel, Vector
 from mission.sighting import cameras_at
-from mission.steady.bundle import Cameras
+from mission.steady.projection import Cameras
 from mission.steady.rotations import rotation_logarithm
 from mission.steady.similarity import PosePrior
 from mission.steady.wander import Wander

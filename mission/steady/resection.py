@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
 
 from mission.records import Matrix, Vector
-from mission.steady.bundle import Bundle, Cameras, Rows, corrected, linearise, summed
+from mission.steady.bundle import Bundle, summed
+from mission.steady.projection import Cameras, Rows, corrected, interpolated, linearise_cameras
 from mission.steady.rotations import exponential
 from mission.steady.row_weights import length2_of, row_weights
 
@@ -49,7 +49,7 @@ def resect(reported: Cameras, bundle: Bundle, turn: NDArray[np.float64], place: 
         rows: the bundle's points in all frames.
     """
     count = len(reported.t_s)
-    turn, place = _interpolated(bundle.cameras.t_s, turn, place, reported.t_s)
+    turn, place = interpolated(bundle.cameras.t_s, turn, place, reported.t_s)
     number = np.bincount(rows.frame, minlength=count)
     fixed = number >= LEAST_POINTS
     rows = rows.only(fixed[rows.frame])
@@ -58,7 +58,7 @@ def resect(reported: Cameras, bundle: Bundle, turn: NDArray[np.float64], place: 
     moved = np.zeros((count, 6))
     weight = np.zeros(len(rows.frame))
     for _ in range(_ROUNDS):
-        residual, by_camera, _ = linearise(cameras, bundle.landmarks, rows)
+        residual, by_camera = linearise_cameras(cameras, bundle.landmarks, rows)
         weight = row_weights(length2_of(residual), 4.0 * bundle.scale, bundle.scale, rows.point) / bundle.scale**2
         weighted = by_camera * weight[:, None, None]
         own = summed(np.matmul(np.swapaxes(weighted, 1, 2), by_camera), rows.frame, count)
@@ -67,19 +67,10 @@ def resect(reported: Cameras, bundle: Bundle, turn: NDArray[np.float64], place: 
         moved = moved + step
         turn, place = exponential(np.asarray(step[:, :3], dtype=np.float64)) @ turn, place + step[:, 3:]
         cameras = corrected(reported, turn, place)
-    residual, _, _ = linearise(cameras, bundle.landmarks, rows)
+    residual, _ = linearise_cameras(cameras, bundle.landmarks, rows)
     good = (weight * bundle.scale**2 > 0.25) & np.isfinite(residual[:, 0])
     points = np.bincount(rows.frame[good], minlength=count)
     square = np.bincount(rows.frame[good], length2_of(residual)[good], minlength=count)
     with np.errstate(invalid="ignore", divide="ignore"):
         rms = np.sqrt(square / (2.0 * points))
     return Resection(cameras, turn, points, rms)
-
-
-def _interpolated(
-    from_s: Vector, turn: NDArray[np.float64], place: Matrix, to_s: Vector
-) -> tuple[NDArray[np.float64], Matrix]:
-    """Corrections at other times; before the first and after the last they stay what they are."""
-    inside = np.clip(to_s, from_s[0], from_s[-1])
-    turned = Slerp(from_s, Rotation.from_matrix(turn))(inside).as_matrix()
-    return turned, np.stack([np.interp(inside, from_s, place[:, axis]) for axis in range(3)], axis=1)

@@ -21,7 +21,7 @@ from mission.steady.rotations import cross_matrix, exponential, rotation_logarit
 
 SCALE, TURN, PLACE = 0, slice(1, 4), slice(4, 7)
 """Places of the logarithm of the scale, the rotation vector and the offset among the seven numbers."""
-_ROUNDS = 3
+ROUNDS = 3
 _PLANNED_SHARE = 0.95
 """Of the path's variance: three metres out and back are far more than any estimate strays."""
 _LEAST_WAVES = 2
@@ -55,7 +55,7 @@ class Similarity:
 
 
 def most_likely_similarity(
-    position_m: Matrix, reported_m: Matrix, turned: NDArray[np.float64], prior: PosePrior
+    position_m: Matrix, reported_m: Matrix, turned: NDArray[np.float64], prior: PosePrior, rounds: int = ROUNDS
 ) -> Similarity:
     """The similarity that brings a path and its attitudes nearest to the reported ones.
 
@@ -64,6 +64,7 @@ def most_likely_similarity(
         reported_m: (k, 3), the reported one.
         turned: (k, 3, 3), the attitudes: rotations in front of the reported ones.
         prior: how the reports err.
+        rounds: linearisations; one is enough where the next call begins from this one's result.
     """
     pivot = position_m.mean(axis=0)
     log_scale, turn, offset = 0.0, np.eye(3), np.zeros(3)
@@ -71,7 +72,7 @@ def most_likely_similarity(
     slow = _planned(position_m)
     inverse: Matrix = np.eye(7)
     left: Matrix = np.eye(7)
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         arm = np.exp(log_scale) * (position_m - pivot) @ turn.T
         angle = rotation_logarithm(turn @ turned)
         place = pivot + offset + arm - reported_m

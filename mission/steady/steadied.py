@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from mission.records import Matrix, NoiseModel, Vector
 from mission.steady.rotations import exponential
@@ -33,10 +35,22 @@ class SteadiedPose:
     points: int
     """Background points that it was fixed by."""
 
-    def at(self, delay_s: float) -> tuple[Vector, Matrix]:
-        """Position (3,) and world_from_camera (3, 3) a few milliseconds later, when a row was exposed."""
-        turned = self.world_from_camera @ exponential(self.turn_rate_rad_s[None] * delay_s)[0]
-        return self.position_enu_m + delay_s * self.velocity_enu_m_s, turned
+
+def rows_at(poses: Sequence[SteadiedPose], delay_s: Vector) -> tuple[Matrix, Matrix]:
+    """Positions (n, 3) and world_from_camera quaternions (n, 4) a few milliseconds later, when rows were exposed.
+
+    Args:
+        poses: n of them.
+        delay_s: (n,) since each pose.
+    """
+    if not poses:
+        return np.zeros((0, 3)), np.zeros((0, 4))
+    later = delay_s[:, None]
+    turned = np.stack([pose.world_from_camera for pose in poses])
+    turned = turned @ exponential(later * np.stack([pose.turn_rate_rad_s for pose in poses]))
+    moved = later * np.stack([pose.velocity_enu_m_s for pose in poses])
+    wxyz: Matrix = Rotation.from_matrix(turned).as_quat(scalar_first=True)
+    return np.stack([pose.position_enu_m for pose in poses]) + moved, wxyz
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,8 +14,9 @@ from mission.camera.camera import Camera
 from mission.camera.model import CameraModel
 from mission.pose import Pose
 from mission.records import Box, Frame, Matrix, NoiseModel
-from mission.steady.bundle import Bundle, Cameras, Rows, adjust
+from mission.steady.bundle import Bundle, adjust
 from mission.steady.point_tracks import PointTracker
+from mission.steady.projection import Cameras, Rows
 from mission.steady.reports import ErrorLevels, Reports
 from mission.steady.resection import LEAST_POINTS, Resection, resect
 from mission.steady.similarity import Similarity, most_likely_similarity
@@ -28,7 +29,7 @@ from mission.steady.steadied import (
 )
 
 _KEY_FRAMES = 30
-_MOST_POINTS = 300
+_MOST_POINTS = 400
 _LEAST_ROWS = 3
 """Key frames in which a point must have been seen."""
 _LEAST_FRAMES = 8
@@ -67,6 +68,7 @@ class Steadier:
         self._camera = camera
         self._tracker = PointTracker(camera.intrinsics)
         self._lens = CameraModel(camera.intrinsics)
+        self._seen: list[tuple[Matrix, Matrix]] = []
 
     def add(self, frame: Frame, left_out: Sequence[Box] = (), roll_rad: float = 0.0) -> None:
         """Follow the background into the next frame; about 4 ms at 640 x 480.
@@ -76,7 +78,11 @@ class Steadier:
             left_out: boxes around people.
             roll_rad: the camera's roll about its optical axis, to a few degrees.
         """
+        before = len(self._tracker.frames)
         self._tracker.add(frame, left_out, roll_rad)
+        for taken in self._tracker.frames[before:]:
+            pixel = self._tracker.pixels(taken, taken.point)
+            self._seen.append((pixel, self._lens.ray(pixel)))
 
     def solve(self, pose_at: Callable[[float], Pose | None], offset_s: float, noise: NoiseModel) -> Steadied:
         """The steadied poses of all frames.
@@ -121,9 +127,9 @@ class Steadier:
         tracks: NDArray[np.intp],
         noise: NoiseModel,
     ) -> _Solved:
-        focal = self._camera.intrinsics.fx
         key_reports = reports.only(keys)
         levels = ErrorLevels.stated(noise)
+        focal = self._camera.intrinsics.fx
         bundle = adjust(
             key_reports.cameras, rows, key_reports.prior(levels), _POINT_SIGMA_PX / focal, _START_PX / focal
         )
@@ -149,14 +155,13 @@ class Steadier:
         taken = [self._tracker.frames[number] for number in frames]
         frame = np.concatenate([np.full(len(f.track), place) for place, f in enumerate(taken)])
         track = np.concatenate([f.track for f in taken])
-        pixel = np.concatenate([self._tracker.pixels(f, f.point) for f in taken])
+        pixel, ray = (np.concatenate(parts) for parts in zip(*(self._seen[number] for number in frames), strict=True))
         if tracks is None:
             seen = np.bincount(track)
             good = np.flatnonzero(seen >= _LEAST_ROWS)
             tracks = np.sort(good[np.argsort(-seen[good], kind="stable")][:_MOST_POINTS])
         place = np.full(int(track.max(initial=0)) + 1, -1)
         place[tracks] = np.arange(len(tracks))
-        ray = self._lens.ray(pixel)
         kept = (place[track] >= 0) & np.isfinite(ray).all(axis=1) & (ray[:, 2] > 0.1)
         ray, pixel = ray[kept], pixel[kept]
         delay_s = (pixel[:, 1] / self._camera.intrinsics.height_px - 0.5) * self._camera.readout_s
@@ -188,7 +193,7 @@ class Steadier:
             kept = (frame.track < len(place)) & (place[np.minimum(frame.track, len(place) - 1)] >= 0)
             t_s.append(np.full(int(kept.sum()), frame.t_s))
             track.append(frame.track[kept])
-            pixel.append(self._tracker.pixels(frame, frame.point[kept]))
+            pixel.append(self._seen[number][0][kept])
         numbers = np.concatenate(track).astype(np.intp)
         return PointTrails(np.concatenate(t_s), numbers, np.concatenate(pixel), still[place[numbers]])
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from mission.detect.hog import BodyCentre, WindowedHog
 from mission.detect.nanodet import NanoDet, WindowedNanoDet
 from mission.detect.window import Window, cut_window
@@ -21,14 +23,39 @@ class Extent:
     """Frame pixels."""
     top: tuple[float, float]
     """Middle of the upper side, frame pixels."""
+    bottom: tuple[float, float]
+    """Middle of the lower side."""
     height_px: float
     score: float
+    head_visible: bool
+    """The upper side is the body's and not the edge of the picture or of the window."""
     feet_visible: bool
-    """The lower side is the body's and not the edge of the picture or of the window."""
+    """The same for the lower side."""
     sides_visible: bool
-    """The same for the left, right and upper sides."""
+    """The same for the left and right sides."""
     box: Box
     """In window pixels."""
+
+    @property
+    def whole(self) -> bool:
+        """Nothing of the body is out of the picture, so that its height and its middle are what they seem."""
+        return self.head_visible and self.feet_visible and self.sides_visible
+
+    def middle(self, height_px: float, roll_rad: float) -> tuple[float, float] | None:
+        """The body's middle by the end of the body that is in the picture; None where neither is.
+
+        Args:
+            height_px: of the whole body; counts where only one end is seen.
+            roll_rad: of the camera.
+        """
+        half = 0.5 * height_px
+        along = half * np.sin(roll_rad), half * np.cos(roll_rad)
+        if self.head_visible:
+            seen = self.feet_visible
+            return self.centre if seen else (float(self.top[0] + along[0]), float(self.top[1] + along[1]))
+        if self.feet_visible:
+            return float(self.bottom[0] - along[0]), float(self.bottom[1] - along[1])
+        return None
 
 
 class Eyes:
@@ -70,12 +97,12 @@ class Eyes:
                 Extent(
                     window.to_frame(x, y),
                     window.to_frame(x, box.top_px),
+                    window.to_frame(x, box.bottom_px),
                     box.height_px / window.scale,
                     found.score,
+                    _shows(window, x, box.top_px - margin),
                     _shows(window, x, box.bottom_px + margin),
-                    _shows(window, box.left_px - margin, y)
-                    and _shows(window, box.right_px + margin, y)
-                    and _shows(window, x, box.top_px - margin),
+                    _shows(window, box.left_px - margin, y) and _shows(window, box.right_px + margin, y),
                     box,
                 )
             )

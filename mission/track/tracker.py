@@ -11,7 +11,7 @@ same person.
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,14 +21,17 @@ from mission.detect.window import Window, cut_window
 from mission.errors import DetectionError
 from mission.records import Box, Frame, Image, Vector
 from mission.track import noise
-from mission.track.appearance import Histogram, colours, likeness
+from mission.track.appearance import colours, likeness
 from mission.track.measure import Extent, Eyes
 from mission.track.motion import Motion
+from mission.track.target import NEAR, Target, away, beside, meets, told_apart
 from mission.track.template import Template
 from mission.track.track import Track, TrackState
 
 _BOX_SHARES = (1.0, 0.6)
 """How much of the body a detector's box may show."""
+_AS_SURE = 0.8
+"""Share of the surest body's score from which on another one may be preferred for being whole."""
 COASTING_S = 2.5
 """How long a hidden person is waited for: a walker needs that to pass behind a car, half covered to half free."""
 _BODY = WindowedHog.BODY_PX
@@ -47,35 +50,6 @@ _TEMPLATE_S = 0.2
 """Age at which the template is renewed."""
 _FRESH_HEIGHT_S = 0.5
 """How long a height is reported after it was last measured."""
-_NEAR = 0.25
-"""A detection this far from where the body is expected, in body heights, may still be it."""
-
-
-@dataclass(slots=True)
-class _Target:
-    """All that is known about the target; changes from frame to frame."""
-
-    t_s: float
-    motion: Motion
-    earlier: Motion
-    """What the motion was `_EARLIER_S` to twice that ago, and has led to since without being measured."""
-    next_earlier: Motion
-    earlier_s: float
-    """When `next_earlier` was taken."""
-    looks: Histogram
-    template: Template | None
-    seen_s: float
-    """When it was last surely seen."""
-    agreed_s: float
-    """When a detector last agreed."""
-    height_s: float
-    """When the height was last measured."""
-    crowded: bool = False
-    """Somebody else is so close that HOG might mean them."""
-    cut_off: bool = False
-    """Part of the body is out of the picture, so its height cannot be measured."""
-    returning: int = 0
-    """In how many frames in a row somebody like the target was seen while coasting."""
 
 
 class Tracker:
@@ -87,7 +61,7 @@ class Tracker:
 
     def __init__(self, network: NanoDet | None = None) -> None:
         self._eyes = Eyes(network or NanoDet())
-        self._target: _Target | None = None
+        self._target: Target | None = None
         self._lost = True
         self._frames = 0
 
@@ -105,7 +79,7 @@ class Tracker:
         body = self._whole_body(frame.image, box, roll_rad)
         _, bodies = self._eyes.bodies(frame.image, body.centre, body.height_px, roll_rad)  # now at the right scale
         body = min(bodies, key=lambda b: float(np.hypot(*np.subtract(b.centre, body.centre))), default=body)
-        self._begin(frame, body.centre, body.height_px, not body.feet_visible, roll_rad)
+        self._begin(frame, body.centre, body.height_px, not body.whole, roll_rad)
 
     def _whole_body(self, image: Image, box: Box, roll_rad: float) -> Extent:
         """Who is in the box, head to foot: HOG's box may hold but the upper half of a body."""
@@ -119,7 +93,10 @@ class Tracker:
             raise DetectionError(
                 "There is nobody to follow in the box", "Draw the box around one person, head to foot."
             )
-        return max(found, key=lambda body: (body.feet_visible and body.sides_visible, body.score))
+        # Somebody near is cut off by the picture, and then a bush is the more complete body, but not as surely one.
+        surest = max(body.score for body in found)
+        found = [body for body in found if body.score > _AS_SURE * surest]
+        return max(found, key=lambda body: (body.whole, body.score))
 
     def update(self, frame: Frame, shift_px: tuple[float, float] = (0.0, 0.0), roll_rad: float = 0.0) -> Track:
         """Follow the target into the next frame.
@@ -151,11 +128,11 @@ class Tracker:
 
     def _begin(self, frame: Frame, centre: tuple[float, float], height: float, cut_off: bool, roll: float) -> None:
         window = _upright(frame.image, centre, height, roll)
-        hog = self._eyes.centre(window, _NEAR)
+        hog = self._eyes.centre(window, NEAR)
         if hog is not None:
             window = _upright(frame.image, window.to_frame(hog.x_px, float(_MIDDLE[1])), height, roll)
         motion = Motion(window.to_frame(*_MIDDLE), height, noise.SIDEWAYS_SIGMA, noise.HEIGHT_SIGMA)
-        self._target = _Target(
+        self._target = Target(
             t_s=frame.t_s,
             motion=motion,
             earlier=deepcopy(motion),
@@ -166,17 +143,20 @@ class Tracker:
             seen_s=frame.t_s,
             agreed_s=frame.t_s,
             height_s=-np.inf if cut_off else frame.t_s,
+            whole_s=frame.t_s,
             cut_off=cut_off,
         )
         self._lost = False
 
-    def _follow(self, frame: Frame, target: _Target, roll: float) -> Track:
+    def _follow(self, frame: Frame, target: Target, roll: float) -> Track:
         window = _upright(frame.image, target.motion.pixel, target.motion.height_px, roll)
         looks = [self._see_sideways, self._see_upright]
         if self._frames % 2:
             looks.reverse()
         # Where one detector does not see the target, the other may.
         agreed = any(look(frame, target, window, roll) for look in looks)
+        if target.met_s == frame.t_s:  # whoever is seen next may be the other one
+            return self._vanish(frame, target, 0.0)
         if not agreed and not self._correlate(frame, target, window):
             return self._vanish(frame, target, 0.0)
         body = np.array(window.to_window(*_pair(target.motion.pixel)))
@@ -196,37 +176,48 @@ class Tracker:
                 target.template = Template.cut(window.image, body, _BODY, frame.t_s)
         return self._track(frame, target, "tracking", alike)
 
-    def _see_sideways(self, _frame: Frame, target: _Target, window: Window, _roll: float) -> bool:
+    def _see_sideways(self, _frame: Frame, target: Target, window: Window, _roll: float) -> bool:
         """HOG: where the body is sideways."""
-        hog = None if target.crowded else self._eyes.centre(window, _NEAR)
+        hog = None if target.crowded else self._eyes.centre(window, NEAR)
         if hog is None:
             return False
         x, _ = window.to_frame(hog.x_px, float(_MIDDLE[1]))
         target.motion.see(0, x, noise.SIDEWAYS_SIGMA)
         return True
 
-    def _see_upright(self, frame: Frame, target: _Target, _window: Window, roll: float) -> bool:
+    def _see_upright(self, frame: Frame, target: Target, _window: Window, roll: float) -> bool:
         """NanoDet: how high and how tall the body is, and who else is near."""
         height, expected = target.motion.height_px, target.motion.pixel
         _, bodies = self._eyes.bodies(frame.image, _pair(expected), height, roll)
-        bodies.sort(key=lambda b: float(np.hypot(*np.subtract(b.centre, expected))))
-        body = next((b for b in bodies if _similar(b, expected, height)), None)
-        target.crowded = any(b is not body and _beside(b, expected, height) for b in bodies)
+        bodies.sort(key=lambda b: away(b, expected, height, roll))
+        body = next((b for b in bodies if target.may_be(b, roll)), None)
+        others = [b for b in bodies if b is not body]
+        target.crowded = any(beside(b, expected, height) for b in others)
         if body is None:
             return False
-        target.cut_off = not (body.feet_visible and body.sides_visible)
+        for other in others:
+            if meets(other, expected, height) and self._alike(frame, target, other, roll) > _SAME_LOOKS:
+                target.met_s, target.met_size = frame.t_s, float(np.log(other.height_px / height))
+        stretched = body.whole and target.stretched(body, roll)
+        target.cut_off = stretched or not body.whole
+        middle = replace(body, feet_visible=False).middle(height, roll) if stretched else body.middle(height, roll)
         if not target.cut_off:
             target.motion.see_height(body.height_px, noise.HEIGHT_SIGMA)
             target.motion.see(1, body.centre[1], noise.UPRIGHT_SIGMA)
             target.height_s = frame.t_s
-        else:  # the feet are out of the picture, the head is not
-            target.motion.see(1, body.top[1] + 0.5 * height * float(np.cos(roll)), noise.CUT_OFF_SIGMA)
+        elif middle is not None:
+            target.motion.see(1, middle[1], noise.CUT_OFF_SIGMA)
         # Arms and legs swing NanoDet's box sideways, so it counts only where HOG is silent.
         if target.crowded or target.motion.sigma_px[0] > noise.BOX_SIDEWAYS_SIGMA * height:
             target.motion.see(0, body.centre[0], noise.BOX_SIDEWAYS_SIGMA)
         return True
 
-    def _correlate(self, frame: Frame, target: _Target, window: Window) -> bool:
+    def _alike(self, frame: Frame, target: Target, body: Extent, roll: float) -> float:
+        """How much somebody looks like the target."""
+        window = _upright(frame.image, body.centre, body.height_px, roll)
+        return likeness(colours(window.image, _MIDDLE, _BODY), target.looks)
+
+    def _correlate(self, frame: Frame, target: Target, window: Window) -> bool:
         """Head and shoulders by correlation with the last frames: a bridge over frames that no detector understands."""
         if target.template is None or frame.t_s - target.agreed_s > _UNSEEN_S:
             return False
@@ -237,39 +228,42 @@ class Tracker:
             target.motion.see(axis, value, noise.MATCH_SIGMA)
         return True
 
-    def _vanish(self, frame: Frame, target: _Target, score: float) -> Track:
+    def _vanish(self, frame: Frame, target: Target, score: float) -> Track:
         # The last frames showed half a person, or already somebody else.
         target.motion = deepcopy(target.earlier)
         target.motion.vanish()
         return self._coast(frame, target, score)
 
-    def _coast(self, frame: Frame, target: _Target, score: float) -> Track:
+    def _coast(self, frame: Frame, target: Target, score: float) -> Track:
         target.returning = 0
         if frame.t_s - target.seen_s > COASTING_S:
             self._lost = True
             return self._track(frame, target, "lost", score)
         return self._track(frame, target, "coasting", score)
 
-    def _look_for(self, frame: Frame, target: _Target, roll: float) -> Track:
+    def _look_for(self, frame: Frame, target: Target, roll: float) -> Track:
         """Look for somebody of the target's looks and size near where the target should be by now."""
         hidden_s = frame.t_s - target.seen_s
         height = target.motion.height_px
         _, bodies = self._eyes.bodies(frame.image, _pair(target.motion.pixel), height, roll, wide=True)
         # Who walks 1.5 m/s gets 0.85 body heights further in a second.
         reach = 0.2 + 0.85 * hidden_s
+        if frame.t_s - target.met_s < COASTING_S:
+            bodies = self._after_meeting(frame, target, bodies, roll)
         best: tuple[float, Extent, Window, float] | None = None
         for body in bodies:
-            away = float(np.hypot(*np.subtract(body.centre, target.motion.pixel))) / height
-            if away > reach or abs(np.log(body.height_px / height)) > 0.25 or not body.sides_visible:
+            middle = body.middle(height, roll)
+            if middle is None or not body.sides_visible or not target.may_be(body, roll, reach, hidden_s):
                 continue
-            window = _upright(frame.image, body.centre, height, roll)
+            window = _upright(frame.image, middle, body.height_px if body.whole else height, roll)
             alike = likeness(colours(window.image, _MIDDLE, _BODY), target.looks)
-            hog = self._eyes.centre(window, _NEAR)
+            hog = self._eyes.centre(window, NEAR)
             # A body half behind something: the two detectors do not agree about its middle.
             if alike < _SAME_LOOKS + 0.05 or hog is None or abs(hog.x_px - _MIDDLE[0]) > 0.12 * _BODY:
                 continue
-            if best is None or alike - 0.3 * away > best[0]:
-                best = (alike - 0.3 * away, body, window, hog.x_px)
+            worth = alike - 0.3 * away(body, target.motion.pixel, height, roll) / height
+            if best is None or worth > best[0]:
+                best = (worth, body, window, hog.x_px)
         if best is None:
             return self._coast(frame, target, 0.0)
         target.returning += 1
@@ -279,18 +273,27 @@ class Tracker:
             return self._track(frame, target, "coasting", 0.0)
         _, body, window, x = best
         place = np.array([x, _MIDDLE[1]])
-        target.motion = Motion(window.to_frame(*place), height, noise.BOX_SIDEWAYS_SIGMA, 0.1)
+        size = body.height_px if body.whole else height
+        target.motion = Motion(
+            window.to_frame(*place), size, noise.BOX_SIDEWAYS_SIGMA, noise.HEIGHT_SIGMA if body.whole else 0.1
+        )
         target.earlier, target.next_earlier = deepcopy(target.motion), deepcopy(target.motion)
         target.template = Template.cut(window.image, place, _BODY, frame.t_s)
         target.earlier_s = target.seen_s = target.agreed_s = frame.t_s
         target.returning = 0
-        target.cut_off = not body.feet_visible
+        target.cut_off = not body.whole
+        target.whole_s = frame.t_s
         if not target.cut_off:
-            target.motion.see_height(body.height_px, noise.HEIGHT_SIGMA)
             target.height_s = frame.t_s
         return self._track(frame, target, "tracking", likeness(colours(window.image, place, _BODY), target.looks))
 
-    def _track(self, frame: Frame, target: _Target, state: TrackState, score: float) -> Track:
+    def _after_meeting(self, frame: Frame, target: Target, bodies: list[Extent], roll: float) -> list[Extent]:
+        """The target among people of its looks, or nobody while it could be either."""
+        alike = [b for b in bodies if self._alike(frame, target, b, roll) > _SAME_LOOKS]
+        found = told_apart(alike, target, roll)
+        return [] if found is None else [found]
+
+    def _track(self, frame: Frame, target: Target, state: TrackState, score: float) -> Track:
         height = target.motion.height_px
         x, y = _pair(target.motion.pixel)
         fresh = state == "tracking" and frame.t_s - target.height_s <= _FRESH_HEIGHT_S
@@ -313,18 +316,6 @@ def _upright(image: Image, centre: tuple[float, float] | Vector, height: float, 
 
 def _pair(point: tuple[float, float] | Vector) -> tuple[float, float]:
     return float(point[0]), float(point[1])
-
-
-def _similar(body: Extent, expected: Vector, height: float) -> bool:
-    """Whether this may be the target."""
-    away = float(np.hypot(*np.subtract(body.centre, expected)))
-    return away < _NEAR * height and abs(np.log(body.height_px / height)) < 0.25
-
-
-def _beside(body: Extent, expected: Vector, height: float) -> bool:
-    """Whether this is somebody else whom HOG might mean."""
-    away = abs(body.centre[0] - expected[0]) / height
-    return body.score > 0.5 and 0.15 < away < 0.6 and abs(np.log(body.height_px / height)) < 0.5
 
 
 def _inside(window: Window, place: Vector) -> bool:

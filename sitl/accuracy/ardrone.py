@@ -1,12 +1,16 @@
 """The paper's twelve rows on its own aircraft: the simulated AR.Drone 2.0, closed loop, without GPS.
 
 Each row is flown twice by `sidestep locate`. First with the paper's pattern: the sightings of its images 0, 1 (half a
-second later) and n (the last that shows the person) go to the three-image formula, as in Kim & Yow 2015, Tables III to
-V. Then with the default pattern and the batch estimate. The camera's place is what the aircraft reckons from its own
-velocity, so its drift is in all figures.
+second later) and n (the last that shows the person) go to the formula of the row's class, as in Kim & Yow 2015, Tables
+III to V: equation (5) for a walk parallel to the flight, equation (2) for who stands or walks along the line of sight.
+Then with the default pattern and the batch estimate, which is told no class. The camera's place is what the aircraft
+reckons from its own velocity, so its drift is in all figures; the batch is also asked with the true poses.
 
 On the perpendicular rows the formula gives the depth at the last image (the person walks along the line of sight), so
 its result is held against the truth of that instant, as the paper does; all others against that of the first image.
+
+The paper's people walk evenly in all its images. So here somebody tells them to go when `sidestep locate` says that the
+target is centred, about a second before the pattern begins.
 """
 
 from __future__ import annotations
@@ -14,21 +18,24 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 import sitl
-from mission.errors import AnswerError, EstimateRefused
+from mission.errors import EstimateRefused
 from mission.estimate import ESTIMATORS
 from mission.estimate.sightings_file import FlightProblem, read_flights
 from mission.records import FlightSightings, Vector
+from sitl.accuracy.ardrone_truth import drift_m, true_camera, with_true_poses
+from sitl.camera.process import WALK_MARK
 from sitl.run import locate, scored
 from sitl.scenario import Scenario, read_scenario
 from sitl.simulation import Simulation, simulation
+from sitl.truth import TruthRing
 from sitl.world import World
 
 INTERVAL_S = 0.5
@@ -36,6 +43,8 @@ INTERVAL_S = 0.5
 IMAGES = 11
 
 _SCENARIOS = Path(sitl.__file__).parent / "scenarios" / "ardrone"
+_CENTRED = ("behind telemetry", "latency is used as it is", "not quite centred")
+"""What `sidestep locate` says last before a pattern."""
 _PAPER_SETTINGS = '\n[pattern]\nkind = "paper"\n'
 
 
@@ -86,6 +95,8 @@ class Found:
     """Whether the 95 % ellipse held the truth, for a method that has one."""
     drift_m: float | None = None
     """How far the reckoned way of the camera was from the true one between the first and the last sighting."""
+    undrifted_percent: float | None = None
+    """The depth error of the same pixels with the true poses instead of the reckoned ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +165,25 @@ def _fly(
     scenario: Scenario, folder: Path, settings: str, judge: _Judge, tell: Callable[[str], None] | None
 ) -> Found | str:
     with simulation(scenario, folder, extra_settings=settings) as running:
-        return judge(running, folder, locate(running, ["--take-off", f"{scenario.vehicle.take_off_height_m}"], tell))
+        options = ["--take-off", f"{scenario.vehicle.take_off_height_m}"]
+        return judge(running, folder, locate(running, options, starter(running.ring, tell)))
+
+
+def starter(ring: TruthRing, tell: Callable[[str], None] | None) -> Callable[[str], None]:
+    """Who listens to what `sidestep locate` says, and tells the people to go once the target is centred.
+
+    Args:
+        ring: of the simulation; its first mark lets them walk.
+        tell: gets each line as well.
+    """
+
+    def hear(line: str) -> None:
+        if ring.mark(WALK_MARK) is None and any(words in line for words in _CENTRED):
+            ring.set_mark(WALK_MARK, time.monotonic())
+        if tell is not None:
+            tell(line)
+
+    return hear
 
 
 def _batch(running: Simulation, folder: Path, ended: _Ended) -> Found | str:
@@ -169,8 +198,20 @@ def _batch(running: Simulation, folder: Path, ended: _Ended) -> Found | str:
         found.depth_error_pct,
         found.position_error_pct,
         found.inside_95,
-        None if flight is None else _drift_m(running, flight),
+        None if flight is None else drift_m(running, flight),
+        None if flight is None else _undrifted_percent(running, flight),
     )
+
+
+def _undrifted_percent(running: Simulation, flight: FlightSightings) -> float | None:
+    """Depth error of the batch estimate at the first sighting, had the poses been true; None where it has no answer."""
+    try:
+        estimate = ESTIMATORS["batch"].estimate(with_true_poses(running, flight))
+    except EstimateRefused:
+        return None
+    first_s = flight.sightings[0].t_s
+    depth = _true_depth_m(running, first_s, first_s)
+    return 100.0 * abs(estimate.depth_m - depth) / depth
 
 
 def judge_three_image(row: ArdroneRow, running: Simulation, folder: Path, ended: _Ended) -> Found | str:
@@ -187,15 +228,14 @@ def judge_three_image(row: ArdroneRow, running: Simulation, folder: Path, ended:
         return scored(running, folder, *ended).error
     try:
         images = paper_images(flight)
-        estimate = ESTIMATORS["three-image"].estimate(images)
+        estimate = ESTIMATORS["three-image" if row.motion == "parallel" else "stereo"].estimate(images)
     except EstimateRefused as refused:
         return str(refused)
     if estimate.first is None:
         return "the formula gave no position"
     first, last = images.sightings[0], images.sightings[-1]
     held_s = (last if row.motion == "perpendicular" else first).t_s
-    camera = _true_camera(running, first.t_s)
-    target = World(running.scenario).person_centroid(0, held_s, running.ring.mark(0), running.ring.mark(1)) - camera
+    target = _true_target(running, held_s) - true_camera(running, first.t_s)
     depth = float(np.linalg.norm(target[:2]))
     miss = (np.asarray(estimate.first.position_enu_m) - np.array(first.position_enu_m)) - target
     return Found(
@@ -203,7 +243,7 @@ def judge_three_image(row: ArdroneRow, running: Simulation, folder: Path, ended:
         depth,
         100.0 * abs(estimate.depth_m - depth) / depth,
         100.0 * float(np.linalg.norm(miss[:2])) / depth,
-        drift_m=_drift_m(running, images),
+        drift_m=drift_m(running, images),
     )
 
 
@@ -216,19 +256,13 @@ def _sightings(folder: Path) -> FlightSightings | None:
     return None
 
 
-def _drift_m(running: Simulation, flight: FlightSightings) -> float:
-    first, last = flight.sightings[0], flight.sightings[-1]
-    true = _true_camera(running, last.t_s) - _true_camera(running, first.t_s)
-    told = np.asarray(last.position_enu_m) - np.asarray(first.position_enu_m)
-    return float(np.linalg.norm((told - true)[:2]))
+def _true_target(running: Simulation, t_s: float) -> Vector:
+    return World(running.scenario).person_centroid(0, t_s, running.ring.mark(0), running.ring.mark(1))
 
 
-def _true_camera(running: Simulation, t_s: float) -> Vector:
-    truth = running.ring.at(t_s)
-    if truth is None:
-        raise AnswerError(f"the truth of {t_s:.1f} s is not known", "The flight and the simulator disagree about time.")
-    body = Rotation.from_quat(truth.world_from_body_wxyz, scalar_first=True)
-    return np.asarray(truth.position_enu_m + body.apply(np.array(running.scenario.camera.position_body_m)))
+def _true_depth_m(running: Simulation, held_s: float, first_s: float) -> float:
+    """Horizontal distance of the target at one time from where the camera was at another."""
+    return float(np.linalg.norm((_true_target(running, held_s) - true_camera(running, first_s))[:2]))
 
 
 def _changed(scenario: Scenario, seed: int | None, noise: str | None) -> Scenario:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import json
 import logging
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -16,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from mission.errors import SidestepError
+from sitl.aircraft_server import run_program
 from sitl.ardrone.camera import VideoPort, start_camera
 from sitl.ardrone.config import HEADER_SIZES, ArdroneConfig, config_of
 from sitl.ardrone.server import ArdroneServer
@@ -39,13 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except (SidestepError, OSError) as error:
             sys.stderr.write(f"{error}\n")
             return 1
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: server.stop())
-        sys.stdout.write(json.dumps(asdict(server.ports)) + "\n")
-        sys.stdout.flush()
-        if chosen.control:
-            server.orders_from(sys.stdin.fileno(), sys.stdout)
-        server.run()
+        run_program(server, asdict(server.ports), orders=chosen.control)
     return 0
 
 

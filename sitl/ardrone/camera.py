@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
-import signal
 import socket
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
-
-import cv2
 
 from mission.errors import VideoError
 from mission.records import Image
 from sitl.ardrone.configuration import Configuration, picture_height
 from sitl.ardrone.video import VideoFormat, VideoServer
-from sitl.camera.process import CAMERA_MARK, CameraLoop, CameraProcess
+from sitl.camera.process import CAMERA_MARK, CameraProcess, spawn_camera
 from sitl.scenario import Scenario
 from sitl.truth import TruthRing
 
-_START_PATIENCE_S = 60.0
 _FIXED_BITRATE = 2
 """`video:bitrate_ctrl_mode`: `video:bitrate` holds; in the other modes `video:max_bitrate` is the limit."""
 _log = logging.getLogger(__name__)
@@ -112,45 +109,21 @@ def start_camera(scenario: Scenario, truth_name: str, where: VideoPort) -> Ardro
     """
     if where.port == 0:
         where = VideoPort(where.host, _free_tcp_port(where.host), where.booted_s, where.header_bytes)
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    formats, their_formats = context.Pipe()
-    process = context.Process(
-        target=_main, args=(scenario, truth_name, where, theirs, their_formats), name="ardrone-camera", daemon=True
-    )
-    process.start()
-    theirs.close()
-    their_formats.close()
+    formats, their_formats = multiprocessing.get_context("spawn").Pipe()
     try:
-        answer = ours.recv() if ours.poll(_START_PATIENCE_S) else VideoError("the simulated camera does not start")
-    except EOFError:
-        answer = VideoError("the simulated camera ended at its start", "see the messages above")
-    if isinstance(answer, Exception):
-        process.terminate()
-        process.join(5.0)
-        raise answer
-    return ArdroneCamera(CameraProcess(process, ours), formats, where.port)
-
-
-def _main(scenario: Scenario, truth_name: str, where: VideoPort, pipe: Connection, formats: Connection) -> None:
-    # Ctrl-C in a terminal reaches the whole group; our parent decides when we end.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    cv2.setNumThreads(1)
-    form = VideoFormat(fps=scenario.camera.fps)
-    try:
-        ring = TruthRing.attach(truth_name)
-        server = VideoServer(
-            where.host, where.port, form, where.header_bytes, delay_s=scenario.camera.extra_latency_ms / 1000.0
-        )
-        camera = CameraLoop(scenario, ring, PaveSender(server, ring, where.booted_s, formats), pipe)
-    except (VideoError, OSError, ValueError) as error:
-        pipe.send(error if isinstance(error, VideoError) else VideoError(f"the simulated camera cannot start: {error}"))
-        return
-    try:
-        camera.run()
+        process = spawn_camera(scenario, truth_name, partial(_pave_sender, where, their_formats))
+    except VideoError:
+        formats.close()
+        raise
     finally:
-        camera.close()
-        ring.close()
+        their_formats.close()
+    return ArdroneCamera(process, formats, where.port)
+
+
+def _pave_sender(where: VideoPort, formats: Connection, scenario: Scenario, ring: TruthRing) -> PaveSender:
+    form, delay_s = VideoFormat(fps=scenario.camera.fps), scenario.camera.extra_latency_ms / 1000.0
+    server = VideoServer(where.host, where.port, form, where.header_bytes, delay_s=delay_s)
+    return PaveSender(server, ring, where.booted_s, formats)
 
 
 def _free_tcp_port(host: str) -> int:

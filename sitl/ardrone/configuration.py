@@ -21,7 +21,6 @@ DEFAULT_EULER_ANGLE_MAX_RAD = math.radians(12.0)
 H264_360P = 0x81
 H264_720P = 0x83
 _CODECS_720P = (0x82, H264_720P, 0x86)
-_CODECS_360P = (0x80, H264_360P, 0x84, 0x85, 0x87, 0x88)
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,10 +41,6 @@ class Tag(IntEnum):
     CHECKSUM = 0xFFFF
 
 
-DEMO_MASK = 1 << Tag.DEMO | 1 << Tag.VISION_DETECT
-"""`general:navdata_options` after the start: 65537."""
-
-
 @dataclass(frozen=True, slots=True)
 class Motion:
     """What the sensors say, in the units of navdata."""

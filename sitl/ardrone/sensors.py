@@ -14,30 +14,30 @@ from typing import Literal
 
 import numpy as np
 
-from sitl.autopilot.estimate_errors import GaussMarkov, Wander
 from sitl.autopilot.rotation import Vec
+from sitl.gauss_markov import STILL, GaussMarkov, Wander
 
 SensorNoiseName = Literal["good", "rough", "none"]
 _DEG = math.radians(1.0)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SensorNoise:
-    """Sizes of the errors, SI units and radians, one standard deviation; offsets are drawn once a flight."""
+    """Sizes of the errors (1 sigma), none by default: SI units and radians; offsets are drawn once a flight."""
 
-    flow_scale: float
-    flow_offset_m_s: float
-    flow: Wander
-    height_offset_m: float
-    height: Wander
-    climb: Wander
-    tilt_offset_rad: float
+    flow_scale: float = 0.0
+    flow_offset_m_s: float = 0.0
+    flow: Wander = STILL
+    height_offset_m: float = 0.0
+    height: Wander = STILL
+    climb: Wander = STILL
+    tilt_offset_rad: float = 0.0
     """After a flat trim; before it, the aircraft does not know level to better than `untrimmed_rad`."""
-    untrimmed_rad: float
-    tilt: Wander
-    compass_offset_rad: float
-    heading: Wander
-    gps: Wander
+    untrimmed_rad: float = 0.0
+    tilt: Wander = STILL
+    compass_offset_rad: float = 0.0
+    heading: Wander = STILL
+    gps: Wander = STILL
 
 
 PRESETS: dict[SensorNoiseName, SensorNoise] = {
@@ -69,20 +69,7 @@ PRESETS: dict[SensorNoiseName, SensorNoise] = {
         heading=Wander(1.0 * _DEG, 2.0),
         gps=Wander(2.0, 25.0, 1),
     ),
-    "none": SensorNoise(
-        flow_scale=0.0,
-        flow_offset_m_s=0.0,
-        flow=Wander(0.0, 1.0),
-        height_offset_m=0.0,
-        height=Wander(0.0, 1.0),
-        climb=Wander(0.0, 1.0),
-        tilt_offset_rad=0.0,
-        untrimmed_rad=0.0,
-        tilt=Wander(0.0, 1.0),
-        compass_offset_rad=0.0,
-        heading=Wander(0.0, 1.0),
-        gps=Wander(0.0, 1.0),
-    ),
+    "none": SensorNoise(),
 }
 
 

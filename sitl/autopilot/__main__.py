@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import logging
-import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 
+from sitl.aircraft_server import run_program
 from sitl.autopilot.config import AutopilotConfig
 from sitl.autopilot.server import AutopilotServer
 from sitl.truth import TruthRing
@@ -43,14 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     truth = TruthRing.attach(chosen.truth) if chosen.truth else None
     server = AutopilotServer(config, truth)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: server.stop())
-    sys.stdout.write(json.dumps(asdict(server.ports)) + "\n")
-    sys.stdout.flush()
-    if chosen.control:
-        server.control_from(sys.stdin.fileno(), sys.stdout)
     try:
-        server.run()
+        run_program(server, asdict(server.ports), orders=chosen.control)
     finally:
         if truth is not None:
             truth.close()

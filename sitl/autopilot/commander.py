@@ -41,7 +41,6 @@ class Setpoint:
 
     demand: Demand
     t_s: float
-    frame_global: bool = False
 
 
 class Commander:
@@ -150,9 +149,9 @@ class Commander:
         self.mode_changes += 1
         return ACCEPTED
 
-    def set_setpoint(self, demand: Demand, now: float, frame_global: bool = False) -> None:
+    def set_setpoint(self, demand: Demand, now: float) -> None:
         """A setpoint came; it is followed in OFFBOARD only, where it also ends a take-off."""
-        self.setpoint = Setpoint(demand, now, frame_global)
+        self.setpoint = Setpoint(demand, now)
         if self.mode is Mode.OFFBOARD and not self.landed:
             self.taking_off = False
 

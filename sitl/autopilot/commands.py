@@ -8,17 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.autopilot.commander import ACCEPTED, DENIED, FAILED, REJECTED, UNSUPPORTED
 from sitl.autopilot.flavour import Mode, px4_mode
+from sitl.autopilot.flight_stack import FlightStack
+from sitl.autopilot.link import Link
 from sitl.autopilot.rotation import Vec, wrap
-
-if TYPE_CHECKING:
-    from sitl.autopilot.autopilot import Autopilot
-    from sitl.autopilot.link import Link
+from sitl.autopilot.telemetry import build
 
 _FORCE = 21196
 _RELATIVE = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
@@ -47,17 +46,17 @@ def from_message(message: Any) -> Order:
     return Order(message.command, params, message.param5, message.param6, message.param7, relative=False)
 
 
-def execute(a: Autopilot, link: Link, order: Order) -> int:
+def execute(a: FlightStack, link: Link, order: Order) -> int:
     """Do it; the MAV_RESULT."""
     action = _ACTIONS.get(order.command)
     return UNSUPPORTED if action is None else action(a, link, order)
 
 
-def _refusal(a: Autopilot) -> int:
+def _refusal(a: FlightStack) -> int:
     return FAILED if a.flavour.name == "ardupilot" else DENIED
 
 
-def _position(a: Autopilot, order: Order, above_home: bool) -> Vec | None:
+def _position(a: FlightStack, order: Order, above_home: bool) -> Vec | None:
     """ENU of an order's place, None if it has none."""
     if not all(map(math.isfinite, (order.lat_deg, order.lon_deg))) or abs(order.lat_deg) > 90.0:
         return None
@@ -70,14 +69,14 @@ def _position(a: Autopilot, order: Order, above_home: bool) -> Vec | None:
     return east, north, up
 
 
-def _arm(a: Autopilot, _link: Link, order: Order) -> int:
+def _arm(a: FlightStack, _link: Link, order: Order) -> int:
     force = order.params[1] == _FORCE
     if order.params[0] == 1.0:
         return a.commander.arm(a.now, a.vehicle.estimate, force)
     return a.commander.disarm(force) if order.params[0] == 0.0 else _refusal(a)
 
 
-def _take_off(a: Autopilot, _link: Link, order: Order) -> int:
+def _take_off(a: FlightStack, _link: Link, order: Order) -> int:
     """NAV_TAKEOFF: the altitude is above home on ArduPilot, above mean sea level on PX4."""
     if a.flavour.name == "ardupilot":
         sane = math.isfinite(order.alt_m) and 0.0 < order.alt_m < 1000.0
@@ -93,14 +92,14 @@ def _take_off(a: Autopilot, _link: Link, order: Order) -> int:
     return a.commander.take_off(height)
 
 
-def _mode_command(mode: Mode) -> Callable[[Autopilot, Link, Order], int]:
-    def change(a: Autopilot, _link: Link, _order: Order) -> int:
+def _mode_command(mode: Mode) -> Callable[[FlightStack, Link, Order], int]:
+    def change(a: FlightStack, _link: Link, _order: Order) -> int:
         return a.commander.request_mode(mode, a.now)
 
     return change
 
 
-def _set_mode(a: Autopilot, _link: Link, order: Order) -> int:
+def _set_mode(a: FlightStack, _link: Link, order: Order) -> int:
     """DO_SET_MODE: param1 = 1 (custom); param2 is the number, on PX4 the main mode with the sub mode in param3."""
     main, sub = order.params[1], order.params[2]
     if not int(_number(order.params[0])) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED or not math.isfinite(main):
@@ -112,7 +111,7 @@ def _set_mode(a: Autopilot, _link: Link, order: Order) -> int:
     return _refusal(a) if mode is None else a.commander.request_mode(mode, a.now)
 
 
-def _reposition(a: Autopilot, _link: Link, order: Order) -> int:
+def _reposition(a: FlightStack, _link: Link, order: Order) -> int:
     """DO_REPOSITION: an operator's "fly here". PX4 goes to Hold, ArduPilot does it in GUIDED (or changes if asked)."""
     c = a.commander
     place = _position(a, order, order.relative)
@@ -134,7 +133,7 @@ def _reposition(a: Autopilot, _link: Link, order: Order) -> int:
     return result
 
 
-def _roi(a: Autopilot, _link: Link, order: Order) -> int:
+def _roi(a: FlightStack, _link: Link, order: Order) -> int:
     place = _position(a, order, order.relative)
     if place is None:
         return _refusal(a)
@@ -142,16 +141,16 @@ def _roi(a: Autopilot, _link: Link, order: Order) -> int:
     return ACCEPTED
 
 
-def _roi_none(a: Autopilot, _link: Link, _order: Order) -> int:
+def _roi_none(a: FlightStack, _link: Link, _order: Order) -> int:
     a.commander.roi = None
     return ACCEPTED
 
 
-def _set_interval(a: Autopilot, link: Link, order: Order) -> int:
+def _set_interval(a: FlightStack, link: Link, order: Order) -> int:
     """SET_MESSAGE_INTERVAL: microseconds; 0 the default rate, -1 off; for the link on which it came."""
     wanted, microseconds = _number(order.params[0]), _number(order.params[1])
     message_id = int(wanted)
-    if a.build(message_id) is None:
+    if build(a, message_id) is None:
         if a.flavour.name == "ardupilot":
             a.commander.say(f"No ap_message for mavlink id ({message_id})")
             return DENIED
@@ -166,9 +165,9 @@ def _set_interval(a: Autopilot, link: Link, order: Order) -> int:
     return ACCEPTED
 
 
-def _get_interval(a: Autopilot, link: Link, order: Order) -> int:
+def _get_interval(a: FlightStack, link: Link, order: Order) -> int:
     message_id = int(_number(order.params[0]))
-    if a.build(message_id) is None:
+    if build(a, message_id) is None:
         link.send(mavlink.MAVLink_message_interval_message(message_id & 0xFFFF, 0))
         return _refusal(a)
     interval = link.intervals.get(message_id)
@@ -177,9 +176,9 @@ def _get_interval(a: Autopilot, link: Link, order: Order) -> int:
     return ACCEPTED
 
 
-def _send_message(message_id: int | None = None) -> Callable[[Autopilot, Link, Order], int]:
-    def send(a: Autopilot, link: Link, order: Order) -> int:
-        message = a.build(int(_number(order.params[0])) if message_id is None else message_id)
+def _send_message(message_id: int | None = None) -> Callable[[FlightStack, Link, Order], int]:
+    def send(a: FlightStack, link: Link, order: Order) -> int:
+        message = build(a, int(_number(order.params[0])) if message_id is None else message_id)
         if message is None:
             return _refusal(a)
         link.send(message)
@@ -188,7 +187,7 @@ def _send_message(message_id: int | None = None) -> Callable[[Autopilot, Link, O
     return send
 
 
-def _start_mission(a: Autopilot, _link: Link, order: Order) -> int:
+def _start_mission(a: FlightStack, _link: Link, order: Order) -> int:
     if a.flavour.name == "ardupilot" and not a.commander.armed:
         return FAILED
     first = _number(order.params[0])
@@ -196,17 +195,17 @@ def _start_mission(a: Autopilot, _link: Link, order: Order) -> int:
     return a.commander.request_mode(Mode.MISSION, a.now)
 
 
-def _mission_item(a: Autopilot, _link: Link, order: Order) -> int:
+def _mission_item(a: FlightStack, _link: Link, order: Order) -> int:
     return ACCEPTED if a.plan.select(int(_number(order.params[0]))) else _refusal(a)
 
 
-def _pause(a: Autopilot, _link: Link, order: Order) -> int:
+def _pause(a: FlightStack, _link: Link, order: Order) -> int:
     if order.params[0] == 0.0:
         return a.commander.request_mode(Mode.HOLD, a.now)
     return a.commander.request_mode(Mode.MISSION, a.now)
 
 
-def _turn(a: Autopilot, _link: Link, order: Order) -> int:
+def _turn(a: FlightStack, _link: Link, order: Order) -> int:
     """CONDITION_YAW: ArduPilot in GUIDED only."""
     if a.flavour.name == "px4":
         return UNSUPPORTED
@@ -219,7 +218,7 @@ def _turn(a: Autopilot, _link: Link, order: Order) -> int:
     return ACCEPTED
 
 
-def _set_home(a: Autopilot, _link: Link, order: Order) -> int:
+def _set_home(a: FlightStack, _link: Link, order: Order) -> int:
     place = a.vehicle.estimate.position if order.params[0] == 1.0 else _position(a, order, order.relative)
     if place is None:
         return _refusal(a)
@@ -227,7 +226,7 @@ def _set_home(a: Autopilot, _link: Link, order: Order) -> int:
     return ACCEPTED
 
 
-def _accept(_a: Autopilot, _link: Link, _order: Order) -> int:
+def _accept(_a: FlightStack, _link: Link, _order: Order) -> int:
     return ACCEPTED
 
 
@@ -236,7 +235,7 @@ def _number(value: float) -> float:
     return value if math.isfinite(value) else 0.0
 
 
-_ACTIONS: Mapping[int, Callable[[Autopilot, Link, Order], int]] = {
+_ACTIONS: Mapping[int, Callable[[FlightStack, Link, Order], int]] = {
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: _arm,
     mavlink.MAV_CMD_NAV_TAKEOFF: _take_off,
     mavlink.MAV_CMD_NAV_LAND: _mode_command(Mode.LAND),

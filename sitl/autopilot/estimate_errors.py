@@ -12,42 +12,33 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sitl.autopilot.rotation import Vec
+from sitl.gauss_markov import STILL, GaussMarkov, Wander
 
 NoiseName = Literal["good", "rough", "none"]
 
 
-@dataclass(frozen=True, slots=True)
-class Wander:
-    """A stationary Gauss-Markov process of first or second order."""
-
-    sigma: float
-    tau_s: float
-    order: Literal[1, 2] = 2
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class NoisePreset:
-    """Errors of an estimator: SI units and radians; offsets are drawn once a flight."""
+    """Errors of an estimator, none by default: SI units and radians; offsets are drawn once a flight."""
 
-    horizontal: Wander
-    vertical: Wander
-    horizontal_velocity: Wander
-    vertical_velocity: Wander
-    roll: Wander
-    pitch: Wander
-    heading: Wander
-    position_offset_m: float
-    height_offset_m: float
-    heading_offset_rad: float
-    tilt_offset_rad: float
-    gnss_sigma_m: float
+    horizontal: Wander = STILL
+    vertical: Wander = STILL
+    horizontal_velocity: Wander = STILL
+    vertical_velocity: Wander = STILL
+    roll: Wander = STILL
+    pitch: Wander = STILL
+    heading: Wander = STILL
+    position_offset_m: float = 0.0
+    height_offset_m: float = 0.0
+    heading_offset_rad: float = 0.0
+    tilt_offset_rad: float = 0.0
+    gnss_sigma_m: float = 0.0
     """Of GPS_RAW_INT, which is not filtered."""
-    gnss_accuracy_m: Vec
+    gnss_accuracy_m: Vec = (0.3, 0.3, 0.1)
     """What GPS_RAW_INT reports: horizontal and vertical accuracy, m, and speed accuracy, m/s."""
-    home_altitude_sigma_m: float
+    home_altitude_sigma_m: float = 0.0
     """PX4 only: how far its home altitude jumps in the first two minutes of a flight."""
 
 
@@ -86,59 +77,8 @@ PRESETS: dict[NoiseName, NoisePreset] = {
         gnss_accuracy_m=(0.9, 1.78, 0.4),
         home_altitude_sigma_m=0.6,
     ),
-    "none": NoisePreset(
-        horizontal=Wander(0.0, 1.0),
-        vertical=Wander(0.0, 1.0),
-        horizontal_velocity=Wander(0.0, 1.0),
-        vertical_velocity=Wander(0.0, 1.0),
-        roll=Wander(0.0, 1.0),
-        pitch=Wander(0.0, 1.0),
-        heading=Wander(0.0, 1.0),
-        position_offset_m=0.0,
-        height_offset_m=0.0,
-        heading_offset_rad=0.0,
-        tilt_offset_rad=0.0,
-        gnss_sigma_m=0.0,
-        gnss_accuracy_m=(0.3, 0.3, 0.1),
-        home_altitude_sigma_m=0.0,
-    ),
+    "none": NoisePreset(),
 }
-
-
-class GaussMarkov:
-    """Several independent processes advanced together in fixed steps of dt; `values` has one entry for each."""
-
-    def __init__(self, wanders: tuple[Wander, ...], dt: float, rng: np.random.Generator) -> None:
-        self._rng = rng
-        self._sigma = np.array([w.sigma for w in wanders])
-        self._second = np.array([w.order == 2 for w in wanders])
-        ratio = dt / np.array([w.tau_s for w in wanders])
-        decay = np.exp(-ratio)
-        # z1 drives z2, both with time constant tau; stationary covariance [[2, 1], [1, 1]] gives z2 unit variance.
-        first_variance = np.where(self._second, 2.0, 1.0)
-        self._keep = decay
-        self._couple = np.where(self._second, decay * ratio, 0.0)
-        q11 = first_variance * (1.0 - decay**2)
-        q12 = np.where(self._second, 1.0 - decay**2 * (2.0 * ratio + 1.0), 0.0)
-        q22 = np.where(self._second, 1.0 - decay**2 * (2.0 * ratio**2 + 2.0 * ratio + 1.0), 0.0)
-        self._l11 = np.sqrt(q11)
-        self._l21 = q12 / np.maximum(self._l11, 1e-30)
-        self._l22 = np.sqrt(np.maximum(q22 - self._l21**2, 0.0))
-        n = len(wanders)
-        self._z1 = np.sqrt(first_variance) * rng.standard_normal(n)
-        self._z2 = self._z1 / 2.0 + math.sqrt(0.5) * rng.standard_normal(n)
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """The processes now."""
-        return self._sigma * np.where(self._second, self._z2, self._z1)
-
-    def step(self) -> None:
-        """Advance by dt."""
-        w = self._rng.standard_normal((2, len(self._sigma)))
-        z1 = self._z1
-        self._z1 = self._keep * z1 + self._l11 * w[0]
-        self._z2 = self._keep * self._z2 + self._couple * z1 + self._l21 * w[0] + self._l22 * w[1]
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,7 +49,6 @@ class Flavour:
     landing_wait_s: float
     asks_mission_int: bool
     home_is_item_0: bool
-    setpoint_timeout_s: float
     parameters: Mapping[str, int | float]
     sensors: int
     """MAV_SYS_STATUS_SENSOR present, enabled and healthy when ready."""
@@ -117,7 +116,6 @@ PX4 = Flavour(
     landing_wait_s=2.0,
     asks_mission_int=True,
     home_is_item_0=False,
-    setpoint_timeout_s=1.0,
     parameters={
         "COM_OF_LOSS_T": 1.0,
         "COM_OBL_RC_ACT": 0,
@@ -165,7 +163,6 @@ ARDUPILOT = Flavour(
     landing_wait_s=2.0,
     asks_mission_int=False,
     home_is_item_0=True,
-    setpoint_timeout_s=3.0,
     parameters={
         "GUID_TIMEOUT": 3.0,
         "BATT_FS_LOW_ACT": 0,

@@ -11,8 +11,6 @@ from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import all as mavlink
 
-ALL_INDEX = 65535
-
 
 class Parameters:
     """Names to numbers, in a fixed order; a parameter keeps its type."""

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.autopilot import commands
-from sitl.autopilot.commander import ACCEPTED
 from sitl.autopilot.flavour import Mode
+from sitl.autopilot.flight_stack import FlightStack
 from sitl.autopilot.link import Link
 from sitl.autopilot.parameters import decode_name
+from sitl.autopilot.peers import Peers
 from sitl.autopilot.setpoint import global_setpoint, local_setpoint
-
-if TYPE_CHECKING:
-    from sitl.autopilot.autopilot import Autopilot
 
 _STREAM_GROUPS = {
     mavlink.MAV_DATA_STREAM_RAW_SENSORS: ("GPS_RAW_INT",),
@@ -30,8 +28,8 @@ _STREAM_GROUPS = {
 class Requests:
     """Answers every message that a peer may send; what makes no sense is ignored."""
 
-    def __init__(self, autopilot: Autopilot) -> None:
-        self._a = autopilot
+    def __init__(self, stack: FlightStack, peers: Peers) -> None:
+        self._a, self._peers = stack, peers
 
     def handle(self, link: Link, message: Any) -> None:
         """Act on one message that is for us."""
@@ -48,7 +46,7 @@ class Requests:
         elif kind == "SET_POSITION_TARGET_GLOBAL_INT":
             demand = global_setpoint(message, self._a.flavour, self._a.place, self._home_alt)
             if demand is not None:
-                self._a.commander.set_setpoint(demand, self._a.now, frame_global=True)
+                self._a.commander.set_setpoint(demand, self._a.now)
         elif kind.startswith("MISSION_"):
             self._plan(link, message)
         elif kind.startswith("PARAM_"):
@@ -73,11 +71,11 @@ class Requests:
         a, kind = self._a, message.get_type()
         if kind == "MISSION_SET_CURRENT":
             if a.plan.select(message.seq):
-                a.send_all(mavlink.MAVLink_mission_current_message(a.plan.current))
+                self._peers.send_all(mavlink.MAVLink_mission_current_message(a.plan.current))
         elif kind in ("MISSION_ITEM", "MISSION_ITEM_INT") and message.current == 2 and a.flavour.name == "ardupilot":
             self._fly_here(link, message)
         else:
-            a.plan_message(link, message)
+            self._peers.plan_message(link, message)
 
     def _fly_here(self, link: Link, message: Any) -> None:
         """ArduPilot's old way to order a guided waypoint."""
@@ -95,7 +93,7 @@ class Requests:
     def _parameter(self, link: Link, message: Any) -> None:
         parameters, kind = self._a.parameters, message.get_type()
         if kind == "PARAM_REQUEST_LIST":
-            self._a.dump_parameters(link)
+            self._peers.dump_parameters(link)
         elif kind == "PARAM_REQUEST_READ":
             index = message.param_index
             name = decode_name(message.param_id) if index < 0 else parameters.name_at(index)
@@ -108,7 +106,7 @@ class Requests:
             value = parameters.decode(name, message.param_value, message.param_type)
             if value is not None:
                 parameters.set_number(name, value)
-            self._a.send_all(parameters.value_message(name))
+            self._peers.send_all(parameters.value_message(name))
 
     def _streams(self, link: Link, message: Any) -> None:
         """REQUEST_DATA_STREAM, the old way, which ground stations still use with ArduPilot."""
@@ -120,6 +118,3 @@ class Requests:
         for name in {name for group in groups for name in group}:
             message_id = getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
             link.set_interval(message_id, 1.0 / message.req_message_rate if wanted else None)
-
-
-__all__ = ["ACCEPTED", "Requests"]

@@ -31,17 +31,6 @@ def conjugate(q: Quat) -> Quat:
     return q[0], -q[1], -q[2], -q[3]
 
 
-def rotate(q: Quat, v: Vec) -> Vec:
-    """The vector v, given in q's right-hand frame, in its left-hand frame."""
-    w, x, y, z = q
-    tx, ty, tz = 2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])
-    return (
-        v[0] + w * tx + y * tz - z * ty,
-        v[1] + w * ty + z * tx - x * tz,
-        v[2] + w * tz + x * ty - y * tx,
-    )
-
-
 def from_euler(roll: float, pitch: float, yaw: float) -> Quat:
     """Yaw, then pitch, then roll (aerospace order); radians."""
     cr, sr = math.cos(roll / 2), math.sin(roll / 2)

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.autopilot.estimate_errors import PRESETS
 from sitl.autopilot.flavour import Mode, base_mode
+from sitl.autopilot.flight_stack import FlightStack
 from sitl.autopilot.rotation import Vec, ned
-
-if TYPE_CHECKING:
-    from sitl.autopilot.autopilot import Autopilot
 
 _NAN = math.nan
 _CELLS_V = (3.5, 4.2)
 _A_PLACE_ONLY = 0xFDF8
 
 
-def heartbeat(a: Autopilot) -> Any:
+def heartbeat(a: FlightStack) -> Any:
     """HEARTBEAT."""
     c = a.commander
     standby, active = mavlink.MAV_STATE_STANDBY, mavlink.MAV_STATE_ACTIVE
@@ -33,7 +31,7 @@ def heartbeat(a: Autopilot) -> Any:
     )
 
 
-def autopilot_version(a: Autopilot) -> Any:
+def autopilot_version(a: FlightStack) -> Any:
     """AUTOPILOT_VERSION: PX4 1.17.0 or ArduCopter 4.8.0, both as development versions."""
     version = (1 << 24 | 17 << 16) if a.flavour.name == "px4" else (4 << 24 | 8 << 16)
     zeros = [0] * 8
@@ -43,19 +41,19 @@ def autopilot_version(a: Autopilot) -> Any:
     )
 
 
-def attitude(a: Autopilot) -> Any:
+def attitude(a: FlightStack) -> Any:
     """ATTITUDE."""
     p, q, r = a.vehicle.estimate.rates_flu
     return mavlink.MAVLink_attitude_message(a.boot_ms, *a.vehicle.euler, p, -q, -r)
 
 
-def attitude_quaternion(a: Autopilot) -> Any:
+def attitude_quaternion(a: FlightStack) -> Any:
     """ATTITUDE_QUATERNION."""
     p, q, r = a.vehicle.estimate.rates_flu
     return mavlink.MAVLink_attitude_quaternion_message(a.boot_ms, *a.vehicle.ned_from_frd, p, -q, -r)
 
 
-def global_position_int(a: Autopilot) -> Any:
+def global_position_int(a: FlightStack) -> Any:
     """GLOBAL_POSITION_INT."""
     lat, lon, alt = a.place.geodetic(a.vehicle.estimate.position)
     north, east, down = ned(a.vehicle.estimate.velocity)
@@ -67,13 +65,13 @@ def global_position_int(a: Autopilot) -> Any:
     )
 
 
-def local_position_ned(a: Autopilot) -> Any:
+def local_position_ned(a: FlightStack) -> Any:
     """LOCAL_POSITION_NED, around the scenario's home."""
     state = a.vehicle.estimate
     return mavlink.MAVLink_local_position_ned_message(a.boot_ms, *ned(state.position), *ned(state.velocity))
 
 
-def position_target_local_ned(a: Autopilot) -> Any:
+def position_target_local_ned(a: FlightStack) -> Any:
     """POSITION_TARGET_LOCAL_NED: what is followed now."""
     if not a.commander.armed or a.commander.landed:
         nans = (_NAN,) * 6
@@ -84,7 +82,7 @@ def position_target_local_ned(a: Autopilot) -> Any:
     )
 
 
-def position_target_global_int(a: Autopilot) -> Any:
+def position_target_global_int(a: FlightStack) -> Any:
     """POSITION_TARGET_GLOBAL_INT: what is followed now; on ArduPilot the place it goes to (GCS_MAVLink_Copter.cpp)."""
     position, velocity, yaw = a.navigator.target
     goal = a.navigator.destination
@@ -101,7 +99,7 @@ def position_target_global_int(a: Autopilot) -> Any:
     )
 
 
-def gps_raw_int(a: Autopilot) -> Any:
+def gps_raw_int(a: FlightStack) -> Any:
     """GPS_RAW_INT: the receiver's own noisy fix."""
     lat, lon, alt = a.place.geodetic(a.gnss_position)
     preset = PRESETS[a.config.noise]
@@ -116,7 +114,7 @@ def gps_raw_int(a: Autopilot) -> Any:
     )
 
 
-def sys_status(a: Autopilot) -> Any:
+def sys_status(a: FlightStack) -> Any:
     """SYS_STATUS; the PREARM bit (and on PX4 the GPS bit) is healthy when it is ready to arm."""
     sensors = a.flavour.sensors | mavlink.MAV_SYS_STATUS_PREARM_CHECK
     ready = a.commander.ready(a.now)
@@ -128,20 +126,20 @@ def sys_status(a: Autopilot) -> Any:
     )
 
 
-def extended_sys_state(a: Autopilot) -> Any:
+def extended_sys_state(a: FlightStack) -> Any:
     """EXTENDED_SYS_STATE."""
     vtol = mavlink.MAV_VTOL_STATE_UNDEFINED if a.flavour.name == "px4" else mavlink.MAV_VTOL_STATE_MC
     return mavlink.MAVLink_extended_sys_state_message(vtol, int(a.commander.landed_state))
 
 
-def battery_status(a: Autopilot) -> Any:
+def battery_status(a: FlightStack) -> Any:
     """BATTERY_STATUS."""
     cells = [round(_volts(a) * 1e3)] + [65535] * 9
     remaining = round(a.commander.battery_fraction * 100)
     return mavlink.MAVLink_battery_status_message(0, 1, 1, 32767, cells, -1, -1, -1, remaining, 0, 1)
 
 
-def home_position(a: Autopilot) -> Any:
+def home_position(a: FlightStack) -> Any:
     """HOME_POSITION."""
     home: Vec = (a.commander.home[0], a.commander.home[1], a.home_up)
     lat, lon, alt = a.place.geodetic(home)
@@ -150,14 +148,14 @@ def home_position(a: Autopilot) -> Any:
     return mavlink.MAVLink_home_position_message(*where, nans, 0.0, 0.0, 0.0, a.boot_ms * 1000)
 
 
-def gps_global_origin(a: Autopilot) -> Any:
+def gps_global_origin(a: FlightStack) -> Any:
     """GPS_GLOBAL_ORIGIN: of LOCAL_POSITION_NED."""
     place = a.place
     where = (round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), round(place.alt_amsl_m * 1e3))
     return mavlink.MAVLink_gps_global_origin_message(*where, a.boot_ms * 1000)
 
 
-def vfr_hud(a: Autopilot) -> Any:
+def vfr_hud(a: FlightStack) -> Any:
     """VFR_HUD."""
     east, north, up = a.vehicle.estimate.velocity
     heading = round(math.degrees(a.vehicle.euler[2])) % 360
@@ -166,20 +164,20 @@ def vfr_hud(a: Autopilot) -> Any:
     return mavlink.MAVLink_vfr_hud_message(0.0, math.hypot(east, north), heading, throttle, alt, up)
 
 
-def altitude(a: Autopilot) -> Any:
+def altitude(a: FlightStack) -> Any:
     """ALTITUDE."""
     up = a.vehicle.estimate.position[2]
     amsl = a.place.alt_amsl_m + up
     return mavlink.MAVLink_altitude_message(a.boot_ms * 1000, amsl, amsl, up, up - a.home_up, _NAN, _NAN)
 
 
-def current_mode(a: Autopilot) -> Any:
+def current_mode(a: FlightStack) -> Any:
     """CURRENT_MODE (PX4 only): the mode that is flown, and the one that was meant."""
     number = a.flavour.modes[a.commander.mode]
     return mavlink.MAVLink_current_mode_message(0, number, number)
 
 
-def estimator_status(a: Autopilot) -> Any:
+def estimator_status(a: FlightStack) -> Any:
     """ESTIMATOR_STATUS (PX4 only)."""
     h, v, _ = PRESETS[a.config.noise].gnss_accuracy_m
     flags = 1023 if a.commander.ready(a.now) else 0x1
@@ -188,28 +186,28 @@ def estimator_status(a: Autopilot) -> Any:
     )
 
 
-def ekf_status_report(a: Autopilot) -> Any:
+def ekf_status_report(a: FlightStack) -> Any:
     """EKF_STATUS_REPORT (ArduPilot only): 0x218 are the position flags that say it is ready."""
     flags = 831 if a.commander.ready(a.now) else 0x127
     return mavlink.MAVLink_ekf_status_report_message(flags, 0.01, 0.01, 0.01, 0.02, 0.0)
 
 
-def mission_current(a: Autopilot) -> Any:
+def mission_current(a: FlightStack) -> Any:
     """MISSION_CURRENT."""
     return mavlink.MAVLink_mission_current_message(a.plan.current)
 
 
-def system_time(a: Autopilot) -> Any:
+def system_time(a: FlightStack) -> Any:
     """SYSTEM_TIME."""
     return mavlink.MAVLink_system_time_message(round(a.unix_s * 1e6), a.boot_ms)
 
 
-def timesync(a: Autopilot) -> Any:
+def timesync(a: FlightStack) -> Any:
     """TIMESYNC: our question to the peer."""
     return mavlink.MAVLink_timesync_message(0, round(a.boot_s * 1e9))
 
 
-_BOTH: Mapping[int, Callable[[Autopilot], Any]] = {
+_BOTH: Mapping[int, Callable[[FlightStack], Any]] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
@@ -229,7 +227,7 @@ _BOTH: Mapping[int, Callable[[Autopilot], Any]] = {
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: home_position,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: extended_sys_state,
 }
-BUILDERS: Mapping[str, Mapping[int, Callable[[Autopilot], Any]]] = {
+BUILDERS: Mapping[str, Mapping[int, Callable[[FlightStack], Any]]] = {
     "px4": {
         **_BOTH,
         mavlink.MAVLINK_MSG_ID_ALTITUDE: altitude,
@@ -241,7 +239,13 @@ BUILDERS: Mapping[str, Mapping[int, Callable[[Autopilot], Any]]] = {
 """How each message is made, by id; what is not here this autopilot does not send."""
 
 
-def silent(a: Autopilot, message_id: int) -> bool:
+def build(a: FlightStack, message_id: int) -> Any | None:
+    """A message as of now; None if this autopilot does not have it."""
+    builder = BUILDERS[a.flavour.name].get(message_id)
+    return None if builder is None else builder(a)
+
+
+def silent(a: FlightStack, message_id: int) -> bool:
     """Whether a regular message has nothing to say now.
 
     PX4 has no position target outside of flight. ArduPilot has one only while it goes to a place by itself: in GUIDED
@@ -254,7 +258,7 @@ def silent(a: Autopilot, message_id: int) -> bool:
     return not a.commander.armed or a.navigator.destination is None
 
 
-def _volts(a: Autopilot) -> float:
+def _volts(a: FlightStack) -> float:
     empty, full = _CELLS_V
     return 4 * (empty + (full - empty) * a.commander.battery_fraction)
 

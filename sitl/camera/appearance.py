@@ -12,7 +12,7 @@ from sitl.body import Body
 from sitl.camera import textures
 from sitl.camera.mesh import shade
 from sitl.camera.rasterizer import Batch
-from sitl.scenario import Clothes
+from sitl.scene import Clothes
 
 SKIN, SHIRT, TROUSERS, SHOES, HAIR = range(5)
 """Materials of the mesh's triangles."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mission.records import Image, Vector
 from sitl.camera.rasterizer import Batch
-from sitl.scenario import Light
+from sitl.scene import Light
 
 Colour = tuple[float, float, float]
 """Red, green, blue, 0 to 1: multiplied with the texture."""

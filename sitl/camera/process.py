@@ -10,15 +10,18 @@ import math
 import multiprocessing
 import signal
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
-from typing import Literal, Protocol
+from typing import Literal
 
 import cv2
 
 from mission.errors import VideoError
 from mission.records import Image
 from sitl.camera.airframe import TURN_S, CameraOnAirframe, flies_sideways, turns
+from sitl.camera.darkroom import Darkroom, PictureSender
 from sitl.camera.renderer import Renderer
 from sitl.camera.stream import VideoSender
 from sitl.scenario import Scenario
@@ -49,19 +52,7 @@ class CameraStats:
     """Mean time from capture to the end of encoding (without the extra latency)."""
 
 
-class PictureSender(Protocol):
-    """Where the pictures go."""
-
-    muted: bool
-    """While set, nothing is sent (a cut link)."""
-
-    def send(self, picture: Image, capture_s: float) -> None:
-        """Encode and send a picture taken `capture_s` after the camera's start."""
-        ...
-
-    def close(self) -> None:
-        """Close the stream."""
-        ...
+SenderMaker = Callable[[Scenario, TruthRing], PictureSender]
 
 
 class CameraProcess:
@@ -143,9 +134,28 @@ def start_camera(scenario: Scenario, truth_name: str, video_url: str) -> CameraP
     Raises:
         VideoError: it cannot render or send, or does not start.
     """
+    return spawn_camera(scenario, truth_name, partial(_video_sender, video_url))
+
+
+def _video_sender(video_url: str, scenario: Scenario, ring: TruthRing) -> VideoSender:
+    del ring
+    return VideoSender(video_url, scenario.camera)
+
+
+def spawn_camera(scenario: Scenario, truth_name: str, make_sender: SenderMaker) -> CameraProcess:
+    """Start a camera whose pictures go through any sender; returns when its first frame is about to be taken.
+
+    Args:
+        scenario: what there is to see.
+        truth_name: the `TruthRing` that the aircraft writes; mark 0 and mark 1 are set in it.
+        make_sender: makes the sender, in the camera's process; must survive pickling.
+
+    Raises:
+        VideoError: it cannot render or send, or does not start.
+    """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    arguments = (scenario, truth_name, video_url, theirs)
+    arguments = (scenario, truth_name, make_sender, theirs)
     process = context.Process(target=_camera_main, args=arguments, name="sitl-camera", daemon=True)
     process.start()
     theirs.close()
@@ -161,14 +171,19 @@ def start_camera(scenario: Scenario, truth_name: str, video_url: str) -> CameraP
     return CameraProcess(process, ours)
 
 
-def _camera_main(scenario: Scenario, truth_name: str, video_url: str, pipe: Connection) -> None:
+def _camera_main(
+    scenario: Scenario,
+    truth_name: str,
+    make_sender: SenderMaker,
+    pipe: Connection,
+) -> None:
     # Ctrl-C in a terminal reaches the whole group; our parent decides when we end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # The other core belongs to the autopilot and the program under test.
     cv2.setNumThreads(1)
     try:
         ring = TruthRing.attach(truth_name)
-        camera = CameraLoop(scenario, ring, VideoSender(video_url, scenario.camera), pipe)
+        camera = CameraLoop(scenario, ring, make_sender(scenario, ring), pipe)
     except (VideoError, OSError, ValueError) as error:
         pipe.send(error if isinstance(error, VideoError) else VideoError(f"the simulated camera cannot start: {error}"))
         return
@@ -188,11 +203,9 @@ class CameraLoop:
         self._half_s = 0.5 * (scenario.camera.exposure_ms + scenario.camera.readout_ms) / 1000.0
         self._airframe = CameraOnAirframe(scenario, ring)
         self._renderer = Renderer(scenario)
-        self._sender = sender
+        self._darkroom = Darkroom(self._renderer, sender)
         self._frozen = False
-        self._last: Image | None = None
         self._frames = self._dropped = 0
-        self._delays_s = 0.0
         # The first picture compiles and caches: before the clock starts.
         self._renderer.expose(self._airframe.pose_at, time.monotonic(), None)
         self._start_s = time.monotonic() + self._period_s
@@ -215,19 +228,19 @@ class CameraLoop:
 
     def close(self) -> None:
         """Close the stream."""
-        self._sender.close()
+        self._darkroom.close()
         self._renderer.close()
 
     def _take(self, capture_s: float) -> None:
         newest = self._await_truth(capture_s + self._half_s)
         if newest is not None and self._ring.mark(WALK_MARK) is None and self._signal(newest):
             self._ring.set_mark(WALK_MARK, newest.t_s)
-        if self._last is None or not self._frozen:
+        light: Image | None = None
+        if self._frames == 0 or not self._frozen:
             walk_s = self._ring.mark(WALK_MARK)
-            self._last = self._renderer.expose(self._airframe.pose_at, capture_s, walk_s, self._start_s)
-        self._sender.send(self._last, capture_s - self._start_s)
+            light = self._renderer.draw(self._airframe.pose_at, capture_s, walk_s, self._start_s)
+        self._darkroom.hand(light, capture_s, self._start_s)
         self._frames += 1
-        self._delays_s += time.monotonic() - capture_s
 
     def _signal(self, newest: VehicleTruth) -> bool:
         """Whether the drone does what people wait for."""
@@ -263,7 +276,7 @@ class CameraLoop:
             if order in ("freeze", "resume"):
                 self._frozen = order == "freeze"
             if order in ("cut", "resume"):
-                self._sender.muted = order == "cut"
+                self._darkroom.mute(order == "cut")
 
     def _stats(self) -> CameraStats:
         run_s = max(1e-3, time.monotonic() - self._start_s)
@@ -271,5 +284,5 @@ class CameraLoop:
             frames=self._frames,
             dropped=self._dropped,
             cpu_share=(time.process_time() - self._start_cpu_s) / run_s,
-            delay_s=self._delays_s / max(1, self._frames),
+            delay_s=self._darkroom.delay_s,
         )

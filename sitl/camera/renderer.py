@@ -123,7 +123,7 @@ class Renderer:
     def expose(
         self, pose_at: PoseAt, t_s: float, started_s: float | None, scene_started_s: float | None = None
     ) -> Image:
-        """Take a picture.
+        """Take a picture: `draw` and `develop`.
 
         Args:
             pose_at: the lens' pose at any time within half of exposure plus readout around `t_s`.
@@ -134,6 +134,14 @@ class Renderer:
         Returns:
             BGR picture, (height, width, 3).
         """
+        return self.develop(self.draw(pose_at, t_s, started_s, scene_started_s), t_s)
+
+    def develop(self, light: Image, t_s: float) -> Image:
+        """What lens and sensor make of the light at `t_s`; may run beside the next `draw`, in another thread."""
+        return self._sensor.expose(self._lens.picture(light), t_s)
+
+    def draw(self, pose_at: PoseAt, t_s: float, started_s: float | None, scene_started_s: float | None = None) -> Image:
+        """The light of an exposure as a pinhole would have it, BGR, larger than the picture; see `expose`."""
         half_s = max(1e-3, 0.5 * (self._exposure_s + self._readout_s))
         times = (t_s - half_s, t_s, t_s + half_s)
         poses = [pose_at(t) for t in times]
@@ -143,7 +151,7 @@ class Renderer:
             self._rasterizer.paint(figure.body.number, figure.look.colours(surface))
         seen = [self._points(pose, bodies) for pose, bodies in zip(poses, surfaces, strict=True)]
         motion = _Motion(seen, half_s, self._row_delay(seen[1]))
-        return self._sensor.expose(self._lens.picture(self._mean_over_exposure(motion, poses[1])), t_s)
+        return self._mean_over_exposure(motion, poses[1])
 
     def close(self) -> None:
         """Give the off-screen buffer back."""

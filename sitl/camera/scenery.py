@@ -15,9 +15,11 @@ import numpy as np
 
 from mission.records import Image, Vector
 from sitl.camera import textures
+from sitl.camera.marker_wall import marker_wall
 from sitl.camera.mesh import Colour, Mesh, sun_direction
 from sitl.camera.rasterizer import Batch
-from sitl.scenario import Obstacle, Scenario
+from sitl.scenario import Scenario
+from sitl.scene import Obstacle
 from sitl.walk import Walk
 
 _CLEAR_OF_ACTION_M = 2.0
@@ -44,6 +46,8 @@ def scenery(scenario: Scenario) -> list[Batch]:
         _trees(meshes, rng, room)
         _street_furniture(meshes, rng, room)
     batches = [batch for mesh in meshes.all if (batch := mesh.batch()) is not None]
+    if scenario.marker_wall is not None:
+        batches += marker_wall(scenario.marker_wall, sun)
     return [_sky(rng), *(part for batch in batches for part in _sectors(batch))]
 
 

@@ -11,6 +11,8 @@ from mission.records import Image
 from sitl.scenario import Scenario
 
 _BANK_MARGIN_PX = 64
+_BANK_ZERO = 128
+"""What stands for no noise in the bank, whose bytes cannot be negative."""
 
 
 class Sensor:
@@ -32,7 +34,7 @@ class Sensor:
             shape = (camera.height_px + _BANK_MARGIN_PX, camera.width_px + _BANK_MARGIN_PX)
             grey = rng.normal(0.0, 0.9 * camera.noise_grey, shape)[:, :, None]
             colour = rng.normal(0.0, 0.44 * camera.noise_grey, (*shape, 3))
-            self._bank = np.clip(np.rint(grey + colour), -127, 127).astype(np.int16)
+            self._bank = np.clip(np.rint(grey + colour) + _BANK_ZERO, 1, 255).astype(np.uint8)
 
     def gain(self, t_s: float) -> float:
         """How bright the automatic exposure makes the picture at a time, 1 on average: it wanders within seconds."""
@@ -42,10 +44,10 @@ class Sensor:
 
     def expose(self, picture: Image, t_s: float) -> Image:
         """The picture as the sensor gives it at a time (the same time gives the same noise)."""
-        levels = np.clip(np.rint(self.gain(t_s) * np.arange(256.0)), 0.0, 255.0).astype(np.uint8)
-        bright = cv2.LUT(picture, levels)
+        gain = self.gain(t_s)
         if self._bank is None:
-            return np.asarray(bright, np.uint8)
+            return np.asarray(cv2.convertScaleAbs(picture, alpha=gain), np.uint8)
         top, left = np.random.default_rng(abs(int(t_s * 1e6))).integers(0, _BANK_MARGIN_PX, 2)
         noise = self._bank[top : top + self._size[0], left : left + self._size[1]]
-        return np.asarray(cv2.add(bright, noise, dtype=cv2.CV_8U), np.uint8)
+        # One pass for both, a third of the time of two; what is over-exposed stays white.
+        return np.asarray(cv2.addWeighted(picture, gain, noise, 1.0, -_BANK_ZERO), np.uint8)

@@ -18,9 +18,9 @@ from mission.drones.path_follower import setpoint_at
 from mission.pose import Pose, PoseBuffer, heading, world_from_body
 from mission.records import GeodeticOrigin, Matrix, Vector
 from sitl.autopilot import AutopilotConfig, Wind
-from sitl.autopilot.autopilot import TICK_S
 from sitl.autopilot.flavour import PX4
 from sitl.autopilot.flight_controller import Demand
+from sitl.autopilot.flight_stack import TICK_S
 from sitl.autopilot.local_frame import LocalFrame
 from sitl.autopilot.rotation import Vec, wrap
 from sitl.autopilot.vehicle import Vehicle

@@ -13,13 +13,15 @@ from mission.pattern import fitted
 from mission.settings import PatternSettings
 from sitl.autopilot.estimate_errors import NoiseName
 
-SceneName = Literal["street", "featureless", "crowd", "night"]
+SceneName = Literal["street", "featureless", "crowd", "night", "crossing"]
 
 NEAREST_M = 2.0
 """No drawn walk comes nearer to the drone than this: the person would not fit into the picture."""
 STANDING_SHARE = 0.15
 CROWD_DISTANCE_M = (2.4, 2.9)
 """People must be this near to fill 40 % of the picture."""
+CROSSING_DISTANCE_M = (5.0, 9.0)
+"""Room for somebody to pass between."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +46,10 @@ class Case:
     pattern: PatternSettings = field(default_factory=PatternSettings)
     height_m: float = 1.75
     """Of the person."""
+    build: float = 1.0
+    """Breadth and depth of the person for their height."""
+    stride: float = 1.0
+    """Length of the person's steps for their speed."""
 
     @property
     def flown(self) -> PatternSettings:
@@ -83,6 +89,9 @@ def drawn_cases(
         yield _drawn(rng, int(rng.integers(1, 2**31)), noise, scene, offset_s, distance_m)
 
 
+_DISTANCES_M: dict[SceneName, tuple[float, float]] = {"crowd": CROWD_DISTANCE_M, "crossing": CROSSING_DISTANCE_M}
+
+
 def _drawn(
     rng: np.random.Generator,
     seed: int,
@@ -91,18 +100,22 @@ def _drawn(
     offset_s: tuple[float, float],
     distance_m: tuple[float, float],
 ) -> Case:
+    body = np.random.default_rng([seed, 4])
     while True:
         stands = rng.uniform() < STANDING_SHARE
+        near_m, far_m = _DISTANCES_M.get(scene, distance_m)
         case = Case(
             seed,
-            distance_m=float(rng.uniform(*(CROWD_DISTANCE_M if scene == "crowd" else distance_m))),
+            distance_m=float(rng.uniform(near_m, far_m)),
             walk_deg=None if stands else _direction_deg(rng, scene),
             speed_m_s=0.0 if stands else float(rng.uniform(0.3, 1.0)),
             noise=noise,
             scene=scene,
             offset_s=float(rng.uniform(*offset_s)),
             renderings=2 if scene == "night" else 1,
-            height_m=float(rng.uniform(1.6, 1.9)),
+            height_m=float(rng.uniform(1.5, 1.95)),
+            build=float(body.uniform(0.85, 1.2)),
+            stride=float(body.uniform(0.85, 1.15)),
         )
         if nearest_m(case) >= NEAREST_M:
             return case

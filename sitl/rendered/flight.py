@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from mission.camera import Camera
@@ -19,9 +18,6 @@ from mission.records import Frame, GeodeticOrigin, NoiseModel, Vector
 from sitl.autopilot.estimate_errors import PRESETS
 from sitl.autopilot.rotation import Vec
 from sitl.camera.airframe import body_from_camera
-from sitl.camera.appearance import shadow_of
-from sitl.camera.lens import project
-from sitl.camera.mesh import sun_direction
 from sitl.camera.renderer import CameraPose, Renderer, matrix_from_wxyz
 from sitl.camera.view import PersonView, view_person
 from sitl.rendered.aircraft import TURN_S, Flown, fly
@@ -98,22 +94,6 @@ class RenderedFlight:
     def target_velocity(self, t_s: float) -> Vector:
         """(3,): of the person's walk, ENU."""
         return self.world.person_velocity(0, t_s, -WALKED_S)
-
-    def moving_share(self, t_s: float) -> float:
-        """The part of the picture that shows people and their shadows, 0 to 1."""
-        lens = self.camera.intrinsics
-        pose = self.true_camera(t_s)
-        sun = sun_direction(self.scenario.light)
-        mask = np.zeros((lens.height_px, lens.width_px), np.uint8)
-        for i in range(len(self.scenario.people)):
-            surface = self.world.person_surface(i, t_s, -WALKED_S)
-            for place in (surface, shadow_of(surface, sun)):
-                points = (place - pose.position_enu_m) @ pose.world_from_camera
-                if points[:, 2].min() > _NEAREST_M:
-                    corners = project(points, lens)[self.world.body.triangles]
-                    for triangle in corners.round().astype(np.int32):
-                        cv2.fillConvexPoly(mask, triangle, 1)
-        return float(mask.mean())
 
     def moments(self, *, turn: bool = True) -> Iterator[Moment]:
         """The frames, rendered, encoded and decoded one by one.

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import cast
 
 from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
-from mission.detect import Detector, choose
+from mission.detect import Confirmation, Detector, choose
 from mission.drones.drone import Drone
 from mission.errors import DetectionError
 from mission.flight_record import FlightRecord
-from mission.locate import SAME_PERSON, UNKNOWN_OFFSET_RAD
+from mission.locate import offset_unknown
 from mission.pointing import Pointing, TargetTracker
 from mission.pose import Pose
-from mission.records import Detection, NoiseModel
+from mission.records import NoiseModel
 from mission.track import Track
 from sitl.camera.view import PersonView
 from sitl.rendered.flight import Moment, RenderedFlight
@@ -69,13 +68,7 @@ class Followed:
         Args:
             stated: of the aircraft.
         """
-        if self.offset is not None:
-            return stated
-        return replace(
-            stated,
-            heading_sigma_rad=math.hypot(stated.heading_sigma_rad, UNKNOWN_OFFSET_RAD),
-            tilt_sigma_rad=math.hypot(stated.tilt_sigma_rad, UNKNOWN_OFFSET_RAD / 2.0),
-        )
+        return offset_unknown(stated) if self.offset is None else stated
 
     @property
     def share(self) -> float:
@@ -147,13 +140,11 @@ class _Search:
 
     def __init__(self, detector: Detector, tracker: TargetTracker) -> None:
         self._detector, self._tracker = detector, tracker
-        self._before: list[Detection] = []
+        self._confirmation = Confirmation()
         self.found = False
 
     def look(self, moment: Moment) -> None:
-        people = self._detector.detect(moment.frame.image)
-        steady = [d for d in people if any(d.box.overlap(other.box) > SAME_PERSON for other in self._before)]
-        self._before = people
+        steady = self._confirmation.confirmed(self._detector.detect(moment.frame.image))
         if steady and moment.target is not None:
             height, width = moment.frame.image.shape[:2]
             try:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal
 
 from mission.errors import AnswerError
 
@@ -58,7 +58,6 @@ class Outcome:
 _NAMES = tuple(field.name for field in fields(Outcome))
 _TEXTS = ("noise", "scene", "poses", "said")
 _WHOLE = ("number", "seed")
-Number = TypeVar("Number")
 
 
 def rewrite(path: Path, outcomes: Sequence[Outcome]) -> None:

@@ -9,13 +9,12 @@ import numpy as np
 from sitl.camera.mesh import Mesh, sun_direction
 from sitl.camera.rasterizer import Batch
 from sitl.rendered.case import Case
-from sitl.scenario import CameraSettings, Light, Person, Scenario, Vehicle, parse_scenario
+from sitl.rendered.crossing import WALKED_S as WALKED_S
+from sitl.rendered.crossing import crossing, walked
+from sitl.scenario import CameraSettings, Scenario, Vehicle, parse_scenario
+from sitl.scene import Light, Person
 
 TAKE_OFF_HEIGHT_M = 1.6
-WALKED_S = 1.5
-"""The person walks for this long before the pattern begins, so that they do so evenly by then."""
-_RAMP_S = 0.3
-"""What the first step costs of that (`sitl.walk`: a smooth start over 0.6 s)."""
 _LANES_M = (0.55, 1.1, 1.9)
 """How far behind the target's distance a crowd's lanes are."""
 _LANE_M = 8.0
@@ -59,7 +58,12 @@ scenery = {str(case.scene != "featureless").lower()}
         brightness=0.3 if night else float(rng.uniform(0.7, 1.2)), sun_azimuth_deg=float(rng.uniform(-180.0, 180.0))
     )
     facing_deg = float(rng.uniform(-180.0, 180.0))
-    people = (_target(case, bearing_deg, facing_deg), *(_crowd(case, bearing_deg, rng)))
+    target = _target(case, bearing_deg, facing_deg)
+    if case.scene == "crossing":
+        target, passer = crossing(case, target, bearing_deg, rng)
+        people: tuple[Person, ...] = (target, passer)
+    else:
+        people = (target, *_crowd(case, bearing_deg, rng))
     # A crowd has more people than a scenario's file may name, so the parts are put together here.
     return base.model_copy(
         update={
@@ -109,14 +113,15 @@ def _target(case: Case, bearing_deg: float, facing_deg: float) -> Person:
     heading_deg = facing_deg
     if case.walk_deg is not None:
         heading_deg = (bearing_deg + case.walk_deg + 180.0) % 360.0 - 180.0
-        heading = math.radians(heading_deg)
-        place -= case.speed_m_s * (WALKED_S - _RAMP_S) * np.array([math.sin(heading), math.cos(heading)])
+        place -= walked(0.0, case.speed_m_s, math.radians(heading_deg))
     return Person(
         distance_m=float(np.hypot(*place)),
         bearing_deg=math.degrees(math.atan2(place[0], place[1])),
         speed_m_s=0.0 if case.walk_deg is None else case.speed_m_s,
         walk_heading_deg=heading_deg,
         height_m=case.height_m,
+        build=case.build,
+        stride=case.stride,
     )
 
 

@@ -23,10 +23,10 @@ def environment() -> dict[str, str]:
 class MavProxy:
     """Connected to a vehicle. Its output is kept; `expect` reads on from where the last one ended."""
 
-    def __init__(self, vehicle_url: str, folder: Path) -> None:
+    def __init__(self, vehicle_url: str, folder: Path, *more: str) -> None:
         self.folder = folder
         script = Path(sysconfig.get_path("scripts")) / "mavproxy.py"
-        options = ["--master", vehicle_url.replace("://", ":"), "--no-state", "--streamrate", "-1"]
+        options = ["--master", vehicle_url.replace("://", ":"), "--no-state", "--streamrate", "-1", *more]
         self.process = subprocess.Popen(
             [sys.executable, "-u", str(script), *options],
             stdin=subprocess.PIPE,

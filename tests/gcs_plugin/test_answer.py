@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import socket
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ def located() -> Located:
     return Located(flight, estimate(), (), True, None, np.zeros((2, 4)), (), None, 106.25)
 
 
-def answered(link: FakeLink, folder: Path, **settings: object) -> list[str]:
+def answered(link: FakeLink, folder: Path, *, ended: str = "", **settings: object) -> list[str]:
     """Give the answer to everybody; what the link was sent, by message name."""
     times = Times(lambda: 106.5, lambda: NOON)
     said = Console(file=io.StringIO())
@@ -42,7 +43,7 @@ def answered(link: FakeLink, folder: Path, **settings: object) -> list[str]:
         answer = Answer(
             FakeDrone(t_s=106.25), link, chosen, flight_folder, log, progress, Provenance("test", "1"), times
         )
-        found = located()
+        found = replace(located(), ended=ended)
         answer.located(found)
         answer.finish(found)
         answer.close()
@@ -54,6 +55,15 @@ def answered(link: FakeLink, folder: Path, **settings: object) -> list[str]:
 @pytest.fixture
 def link() -> FakeLink:
     return FakeLink(Vehicle(PX4, plan(PX4)))
+
+
+def test_an_aircraft_that_was_taken_is_told_nothing_and_the_geotag_stays(link: FakeLink, tmp_path: Path) -> None:
+    before = len(link.vehicle.items)
+    sent = answered(link, tmp_path, ended="the pilot took over", roi="automatic", waypoint="automatic")
+    assert "COMMAND_INT" not in sent
+    assert "COMMAND_LONG" not in sent
+    assert "CAMERA_TRACKING_GEO_STATUS" in sent
+    assert len(link.vehicle.items) == before
 
 
 def test_automatic_points_the_nose_and_appends_the_waypoint(link: FakeLink, tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def connected(request: pytest.FixtureRequest) -> Iterator[Connected]:
 @pytest.mark.flight
 def test_the_waypoint_joins_the_operators_plan_and_the_nose_gets_its_region_of_interest(connected: Connected) -> None:
     autopilot, link = connected
-    protocol = MissionProtocol(link, answer_timeout_s=0.5)
+    protocol = MissionProtocol(link, answer_timeout_s=0.25)
     operators = plan(ARDUPILOT if autopilot.config.flavour == "ardupilot" else PX4)
     protocol.upload(operators)
     before = protocol.download()

@@ -17,6 +17,7 @@ from mission.drones.loopback import loopback_socket
 from mission.settings import AuthoritySettings, MissionSettings
 from sitl.faults import FrameMutator, dialect_frames
 from tests.mission.drones.fuzz_bench import FuzzBench
+from tests.mission.drones.processor_wait import Stopwatch
 
 STATION, CAMERA = (255, 190), (1, 100)
 
@@ -72,13 +73,13 @@ def mutator(seed: int) -> FrameMutator:
 
 
 def answer_s(bench: FuzzBench) -> float:
-    """Seconds until the component acknowledges a request for its CAMERA_INFORMATION."""
+    """Seconds until the component sends the CAMERA_INFORMATION that was asked for, without those of other programs."""
     parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
     ask = mavlink.MAVLink_command_long_message(*CAMERA, 512, 0, 259, 0, 0, 0, 0, 0, 0)
     bench.sock.setblocking(False)
-    began = time.monotonic()
-    while time.monotonic() - began < 1.0:
+    watch = Stopwatch()
+    while watch.own_s < 1.0 and watch.wall_s < 60.0:
         bench.sock.send(ask.pack(mavlink.MAVLink(None, *STATION)))
         again = time.monotonic() + 0.2
         while time.monotonic() < again:
@@ -89,16 +90,16 @@ def answer_s(bench: FuzzBench) -> float:
                 time.sleep(0.002)
                 continue
             if any(m.get_type() == "CAMERA_INFORMATION" for m in parser.parse_buffer(data) or []):
-                return time.monotonic() - began
-    raise AssertionError("the component does not answer any more")
+                return watch.own_s
+    raise AssertionError(f"no answer in {watch.wall_s:.1f} s, of which this process could run for {watch.own_s:.1f} s")
 
 
 @pytest.mark.parametrize("kind", ["mutated frames", "random bytes"])
-def test_20_000_broken_datagrams_leave_the_component_answering(kind: str) -> None:
+def test_5_000_broken_datagrams_leave_the_component_answering(kind: str) -> None:
     broken = mutator(5)
     with component_under_fuzz() as (bench, orders):
-        found = bench.flood(broken.mutated if kind == "mutated frames" else broken.noise, 20_000)
+        found = bench.flood(broken.mutated if kind == "mutated frames" else broken.noise, 5_000)
         assert answer_s(bench) < 1.0
     assert bool(orders) is (kind == "mutated frames"), "some of the mutated frames are orders still"
     assert found.slowest_answer_s < 1.0
-    assert found.growth_bytes < 2_000_000
+    assert found.growth_bytes < 500_000

@@ -134,6 +134,32 @@ def test_whoever_takes_the_aircraft_keeps_it(kind: str) -> None:
     assert scene.drone.calls[-1] == "path", "nothing may be ordered after the pilot took over"
 
 
+@pytest.mark.parametrize("kind", ["pilot", "failsafe", "deadman", "pilot-process-lost"])
+def test_what_was_seen_is_answered_though_the_aircraft_is_taken_while_estimating(kind: str) -> None:
+    scene = Scene()
+    tell = scene.notes.stage
+
+    def taken(stage: Stage, text: str) -> None:
+        tell(stage, text)
+        if stage is Stage.ESTIMATE:
+            scene.drone.seize(kind, "somebody took the aircraft")
+
+    scene.notes.stage = taken  # type: ignore[method-assign]
+    located = scene.run()
+    assert located.ended == "somebody took the aircraft"
+    assert [answer.ended for answer in scene.notes.answers] == ["somebody took the aircraft"]
+    assert scene.drone.calls[-1] == "path", "nothing may be ordered after the pilot took over"
+
+
+def test_an_abort_while_estimating_is_an_end_at_once() -> None:
+    scene = Scene()
+    scene.abort_in = Stage.ESTIMATE
+    with pytest.raises(FlightEnded, match="abort"):
+        scene.run()
+    assert scene.drone.calls[-1] == "hold"
+    assert not scene.notes.answers
+
+
 def test_a_refused_order_flies_nothing_and_gives_the_reason() -> None:
     scene = Scene()
     scene.drone.refuse = "battery at 12 %"

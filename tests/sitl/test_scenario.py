@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+import sitl
 from mission.errors import SettingsError
-from sitl.grid import named_scenario, paper_grid
 from sitl.scenario import parse_scenario, read_scenario
 
+SCENARIOS = Path(sitl.__file__).parent / "scenarios"
 PERSON = "[[people]]\ndistance_m = 5.0\nbearing_deg = 30.0\n"
 
 
@@ -78,16 +79,11 @@ def test_a_file_that_is_not_text_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["demo", "two-people", "occlusion", "nobody", "far"])
 def test_the_scenarios_that_come_along_are_sound(name: str) -> None:
-    assert named_scenario(name).name == name
-
-
-def test_an_unknown_scenario_is_refused() -> None:
-    with pytest.raises(SettingsError, match="no scenario called nonsense"):
-        named_scenario("nonsense")
+    assert read_scenario(SCENARIOS / f"{name}.toml").name == name
 
 
 def test_the_grid_is_four_walks_at_four_distances() -> None:
-    grid = paper_grid()
+    grid = [read_scenario(path) for path in (SCENARIOS / "paper").glob("*.toml")]
     assert len({scenario.name for scenario in grid}) == 16
     assert sorted({scenario.people[0].distance_m for scenario in grid}) == [2.75, 5.5, 7.25, 9.0]
     assert sum(scenario.people[0].speed_m_s == 0.0 for scenario in grid) == 4

@@ -28,6 +28,8 @@ def quiet(caplog: pytest.LogCaptureFixture) -> None:
 
 def _judge(name: str, found: Flood, note: Note) -> None:
     note(f"{name}: slowest answer (s) of {found.datagrams} datagrams", [found.slowest_answer_s])
+    note(f"{name}: the same with the time in which the machine ran others (s)", [found.slowest_wall_s])
+    note(f"{name}: datagrams that overflowed the socket's buffer", [float(found.overflowed)])
     note(f"{name}: growth of the memory over the second half (kB)", [found.growth_bytes / 1000.0])
     assert found.slowest_answer_s < 1.0
     assert found.growth_bytes < FLAT_BYTES

@@ -17,7 +17,6 @@ _REF_ALWAYS = 1 << 18 | 1 << 20 | 1 << 22 | 1 << 24 | 1 << 28
 _REF_FLY = 1 << 9
 _REF_EMERGENCY = 1 << 8
 _PCMD_PROGRESSIVE = 1
-_PCMD_ABSOLUTE = 1 << 2
 
 
 class CtrlMode(IntEnum):
@@ -84,12 +83,6 @@ def pcmd(tilt: Tilt | None) -> Command:
     if tilt is None:
         return Command("PCMD", ("0", "0", "0", "0", "0"))
     return Command("PCMD", (str(_PCMD_PROGRESSIVE), *_shares(tilt)))
-
-
-def pcmd_mag(tilt: Tilt, psi: float, accuracy: float) -> Command:
-    """AT*PCMD_MAG: fly by tilt seen from a controller that faces the magnetic heading psi (share of 180 degrees)."""
-    bits = str(_PCMD_PROGRESSIVE | _PCMD_ABSOLUTE)
-    return Command("PCMD_MAG", (bits, *_shares(tilt), str(float_as_int(psi)), str(float_as_int(accuracy))))
 
 
 def ftrim() -> Command:

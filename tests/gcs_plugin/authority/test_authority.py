@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from gcs_plugin.authority import Authority, read_key
+from gcs_plugin.authority import Authority, SignatureMemory, read_key
 from gcs_plugin.authority.rate import TokenBucket
 from gcs_plugin.authority.signing import SignatureCheck, timestamp_of
 from gcs_plugin.component import Locate
@@ -223,3 +223,53 @@ def test_a_bucket_lets_a_burst_through_and_then_its_rate() -> None:
     assert sum(bucket.take(0.0) for _ in range(100)) == 5
     assert sum(bucket.take(i / 100.0) for i in range(1, 201)) == pytest.approx(20, abs=1)
     assert not TokenBucket(1.0, 0.5).take(1e9)
+
+
+def restarted(folder: Path, now: datetime = NOW) -> Bench:
+    """The component of a program that has just started, with what it kept of the run before."""
+    memory = SignatureMemory(folder / "signatures.json")
+    return Bench(authority=Authority(AuthoritySettings(), KEY, lambda: now, memory))
+
+
+def test_an_order_recorded_before_a_restart_is_a_replay_after_it(tmp_path: Path) -> None:
+    recorded = order()
+    first = restarted(tmp_path)
+    first.say_bytes(recorded)
+    assert first.turn() == Locate()
+    second = restarted(tmp_path, NOW + timedelta(seconds=20))
+    second.say_bytes(recorded)
+    assert second.turn() is None
+    assert dict(second.authority.counts) == {"replayed": 1}
+    second.say_bytes(order(timestamp=timestamp_of(NOW) + 1))
+    assert second.turn() == Locate()
+
+
+def test_heartbeats_count_over_a_restart_too_and_are_written_seldom(tmp_path: Path) -> None:
+    now = [NOW]
+    memory = SignatureMemory(tmp_path / "signatures.json")
+    bench = Bench(authority=Authority(AuthoritySettings(), KEY, lambda: now[0], memory))
+    written = set()
+    for second in range(20):
+        now[0] = NOW + timedelta(seconds=second)
+        bench.say_bytes(heartbeat(timestamp_of(now[0])))
+        bench.turn()
+        written.add((tmp_path / "signatures.json").read_text())
+    assert len(written) == 4
+    second_run = restarted(tmp_path, now[0])
+    second_run.say_bytes(order(timestamp=timestamp_of(NOW) + 14 * 100_000))
+    assert second_run.turn() is None
+    assert second_run.authority.counts["replayed"] == 1
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"1/2": 3}', '{"1/2/3": "4"}', '{"1/2/x": 4}', '{"1/2/300": 4}'])
+def test_a_memory_that_is_none_is_told(tmp_path: Path, content: str) -> None:
+    (tmp_path / "signatures.json").write_text(content)
+    with pytest.raises(SettingsError, match="cannot be read"):
+        SignatureMemory(tmp_path / "signatures.json")
+
+
+def test_a_disk_that_refuses_does_not_refuse_the_order(tmp_path: Path) -> None:
+    bench = restarted(tmp_path)
+    tmp_path.rmdir()
+    bench.say_bytes(order())
+    assert bench.turn() == Locate()

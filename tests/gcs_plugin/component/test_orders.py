@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_plugin.component import Follow, GiveBack, Locate, Mark, NextCandidate
 from gcs_plugin.component.commands import CANCELLED
 from gcs_plugin.component.orders import order_of
+from mission.drones.command_cancel import CommandCancel
 from mission.records import Box
 from mission.settings import MissionSettings, OrderSettings
 from tests.gcs_plugin.component.bench import Bench
@@ -182,3 +184,58 @@ def test_the_last_answer_is_given_to_the_autopilot_on_request(what: float, roi: 
     assert bench.turn() == GiveBack(roi, waypoint)
     bench.component.ended(ACCEPTED)
     assert bench.acks() == [(USER_4, IN_PROGRESS), (USER_4, ACCEPTED)]
+
+
+def test_a_cancel_of_the_order_that_runs_ends_it_and_its_own_acknowledgement_says_so() -> None:
+    bench = Bench()
+    bench.command(USER_1)
+    bench.turn()
+    bench.take()
+    bench.say(CommandCancel(1, 100, USER_1))
+    bench.step()
+    assert bench.component.should_stop()
+    bench.component.ended(CANCELLED)
+    assert bench.acks() == [(USER_1, CANCELLED)]
+
+
+def test_a_cancel_of_an_order_that_has_not_begun_withdraws_it() -> None:
+    bench = Bench()
+    bench.command(USER_1)
+    bench.say(CommandCancel(1, 100, USER_1))
+    assert bench.turn() is None
+    assert bench.acks()[-1] == (USER_1, CANCELLED)
+
+
+def test_a_cancel_of_another_command_for_another_component_or_by_a_stranger_changes_nothing() -> None:
+    bench = Bench()
+    bench.command(USER_1)
+    bench.turn()
+    bench.take()
+    bench.say(CommandCancel(1, 100, RECTANGLE))
+    bench.say(CommandCancel(1, 101, USER_1))
+    bench.say(CommandCancel(1, 100, USER_1), source=(77, 190))
+    bench.step()
+    assert not bench.component.should_stop()
+    assert bench.acks() == []
+    assert "77/190 is not allowed" in bench.texts()
+
+
+def test_a_cancel_that_comes_late_is_passed_over() -> None:
+    bench = Bench()
+    bench.command(USER_1)
+    bench.turn()
+    bench.component.ended(0)
+    bench.take()
+    bench.say(CommandCancel(1, 100, USER_1))
+    assert bench.turn() is None
+    assert bench.acks() == []
+
+
+def test_a_cancel_has_the_bytes_of_the_standard() -> None:
+    definition = b"COMMAND_CANCEL uint16_t command uint8_t target_system uint8_t target_component "
+    crc = mavlink.x25crc(definition).crc  # https://mavlink.io/en/guide/serialization.html#crc_extra
+    assert CommandCancel.crc_extra == (crc & 0xFF) ^ (crc >> 8)
+    packed = CommandCancel(1, 100, USER_1).pack(mavlink.MAVLink(None, 255, 190))
+    assert packed[7:14] == bytes((80, 0, 0, *USER_1.to_bytes(2, "little"), 1, 100))
+    message = mavlink.MAVLink(None).decode(bytearray(packed))
+    assert (message.target_system, message.target_component, message.command) == (1, 100, USER_1)

@@ -25,14 +25,18 @@ class Station:
         url: the autopilot's operator link.
         key: signs everything with it when given.
         source: system and component id.
+        system: of the vehicle that is meant where none is named.
     """
 
-    def __init__(self, url: str, key: bytes | None = None, source: tuple[int, int] = (255, 190)) -> None:
+    def __init__(
+        self, url: str, key: bytes | None = None, source: tuple[int, int] = (255, 190), *, system: int = 1
+    ) -> None:
         host, port = url.removeprefix("udpout://").split(":")
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.connect((host, int(port)))
         self._socket.settimeout(0.05)
         self._source = source
+        self._system = system
         self._mav = mavlink.MAVLink(None, *source)
         if key is not None:
             self._mav.signing.secret_key, self._mav.signing.sign_outgoing = key, True
@@ -53,7 +57,8 @@ class Station:
         self._thread.join()
         self._socket.close()
 
-    def command(self, command: int, *params: float, component: int = 100, system: int = 1) -> None:
+    def command(self, command: int, *params: float, component: int = 100, system: int | None = None) -> None:
+        system = self._system if system is None else system
         seven = [*params, *([0.0] * 7)][:7]
         self.send(mavlink.MAVLink_command_long_message(system, component, command, 0, *seven))
 
@@ -65,14 +70,15 @@ class Station:
             self._mav.seq = (self._mav.seq + 1) % 256
             self._socket.send(packed)
 
-    def found(self, name: str, component: int = 100, system: int = 1) -> list[Message]:
+    def found(self, name: str, component: int = 100, system: int | None = None) -> list[Message]:
         """Messages of a type from a component, oldest first."""
+        system = self._system if system is None else system
         with self._lock:
             messages = list(self._messages)
         wanted = (system, component)
         return [m for m in messages if m.get_type() == name and (m.get_srcSystem(), m.get_srcComponent()) == wanted]
 
-    def results(self, command: int, component: int = 100, system: int = 1) -> list[int]:
+    def results(self, command: int, component: int = 100, system: int | None = None) -> list[int]:
         """MAV_RESULT of the acknowledgements of a command of ours."""
         acks = [m for m in self.found("COMMAND_ACK", component, system) if m.command == command]
         return [m.result for m in acks if (m.target_system, m.target_component) == self._source]

@@ -8,7 +8,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mission.camera import CameraModel
-from mission.camera.baseline import BaselineTable, WallRun, baseline_table, reckoning_scale, travel_of
+from mission.camera.baseline import (
+    BaselineTable,
+    WallRun,
+    baseline_table,
+    reckoning_scale,
+    travel_of,
+    video_delay,
+)
 from mission.camera.wall import MarkerWall, WallSight
 from mission.errors import CalibrationError
 from mission.pattern import PAPER_BASELINE_M
@@ -151,3 +158,39 @@ def test_the_scale_of_the_aircrafts_own_velocity() -> None:
     assert sigma == pytest.approx(0.02)
     with pytest.raises(CalibrationError):
         reckoning_scale([LINE * 0.0] * 3, [LINE * 0.0] * 3)
+
+
+SLOW_START_S = np.arange(0.0, 8.0, 0.02)
+SLOW_START_M = 0.35 * np.clip(SLOW_START_S - 1.0, 0.0, 5.0) ** 2
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.2, 0.45])
+def test_the_video_s_delay_is_told_by_the_travel_that_both_describe(delay_s: float) -> None:
+    pictures_s = np.arange(1.0, 7.0, 1.0 / 12.0)
+    noise = 0.01 * np.random.default_rng(4).standard_normal(len(pictures_s))
+    # The wall counts to the right and from its first marker, and the aircraft's scale is wrong.
+    along = 13.6 - np.interp(pictures_s - delay_s, SLOW_START_S, SLOW_START_M) + noise
+    assert video_delay(pictures_s, along, SLOW_START_S, 0.93 * SLOW_START_M) == pytest.approx(delay_s, abs=0.015)
+
+
+def test_gaps_in_the_poses_do_not_matter() -> None:
+    pictures_s = np.arange(1.0, 7.0, 1.0 / 12.0)
+    along = np.interp(pictures_s - 0.2, SLOW_START_S, SLOW_START_M)
+    told = np.where((SLOW_START_S > 3.0) & (SLOW_START_S < 3.3), np.nan, SLOW_START_M)
+    assert video_delay(pictures_s, along, SLOW_START_S, told) == pytest.approx(0.2, abs=0.015)
+
+
+def test_without_pictures_or_travel_no_delay_is_told() -> None:
+    with pytest.raises(CalibrationError, match="too few pictures"):
+        video_delay(SLOW_START_S[:3], SLOW_START_M[:3], SLOW_START_S, SLOW_START_M)
+    with pytest.raises(CalibrationError, match="did not move"):
+        video_delay(SLOW_START_S, SLOW_START_M, SLOW_START_S, np.zeros(len(SLOW_START_S)))
+
+
+def test_a_last_look_at_the_wall_in_the_hover_before_the_run_is_image_0() -> None:
+    times = np.array([9.6, 10.4, 10.6, 10.8, 11.0])
+    sights = tuple(WallSight(np.array([x, 0.0, -4.0]), 0.3, 4) for x in (13.6, 13.55, 13.45, 13.3, 13.1))
+    travel = travel_of(WallRun(10.0, times, sights), images=3)
+    assert travel == pytest.approx([0.0, 0.1, 0.5])
+    with pytest.raises(CalibrationError, match="when a run began"):
+        travel_of(WallRun(10.0, times[1:], sights[1:]), images=3)

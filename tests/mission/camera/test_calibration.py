@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mission.camera import CameraModel
-from mission.camera.board import Board, CharucoBoard, Chessboard
-from mission.camera.calibration import calibrate_board, read_pictures
+from mission.camera.board import CharucoBoard, Chessboard
+from mission.camera.calibration import BoardCalibration, calibrate_board, read_pictures
 from mission.errors import CalibrationError
 from mission.records import Image
 from tests.mission.camera import boards
@@ -20,11 +20,18 @@ def views() -> list[tuple[str, Image]]:
     return boards.pictures(boards.chessboard(), 14, np.random.default_rng(3))
 
 
-@pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO], ids=["chessboard", "charuco"])
-def test_a_known_lens_is_recovered_from_pictures_of_a_board(board: Board, views: list[tuple[str, Image]]) -> None:
-    if board is CHARUCO:
-        views = boards.pictures(boards.charuco(), 14, np.random.default_rng(3))
-    result = calibrate_board(views, board)
+@pytest.fixture(scope="module")
+def by_chessboard(views: list[tuple[str, Image]]) -> BoardCalibration:
+    """From the views, and three pictures that are none."""
+    odd = [("blank", np.zeros_like(views[0][1])), ("small", views[0][1][:200, :300]), ("broken", None)]
+    return calibrate_board([*views, *odd], CHESSBOARD)
+
+
+@pytest.mark.parametrize("board", ["chessboard", "charuco"])
+def test_a_known_lens_is_recovered_from_pictures_of_a_board(board: str, by_chessboard: BoardCalibration) -> None:
+    result = by_chessboard
+    if board == "charuco":
+        result = calibrate_board(boards.pictures(boards.charuco(), 14, np.random.default_rng(3)), CHARUCO)
     lens = result.camera.intrinsics
     assert result.camera.calibrated
     assert result.rms_px < 0.3
@@ -63,9 +70,8 @@ def test_boards_that_were_never_tilted_do_not_tell_the_focal_length() -> None:
         calibrate_board(views, CHESSBOARD)
 
 
-def test_pictures_without_a_board_of_another_size_or_broken_are_reported(views: list[tuple[str, Image]]) -> None:
-    odd = [("blank", np.zeros_like(views[0][1])), ("small", views[0][1][:200, :300]), ("broken", None)]
-    verdicts = {one.name: one.verdict for one in calibrate_board([*views, *odd], CHESSBOARD).pictures}
+def test_pictures_without_a_board_of_another_size_or_broken_are_reported(by_chessboard: BoardCalibration) -> None:
+    verdicts = {one.name: one.verdict for one in by_chessboard.pictures}
     assert (verdicts["blank"], verdicts["small"], verdicts["broken"]) == ("no board", "other size", "unreadable")
 
 

@@ -1,5 +1,6 @@
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -123,8 +124,6 @@ def test_a_wiggle_turns_to_both_sides_and_ends_where_it_began() -> None:
 def test_no_wiggle_on_the_ground() -> None:
     class Grounded(PlayedDrone):
         def telemetry(self):  # type: ignore[no-untyped-def]
-            from dataclasses import replace
-
             return replace(super().telemetry(), in_air=False)
 
     with pytest.raises(FlightRefused, match="not in the air"):

@@ -23,6 +23,26 @@ def test_a_box_takes_the_person_it_overlaps_most() -> None:
     assert choose(ALL, SIZE, box=Box(500, 140, 70, 160)) is RIGHT
 
 
+@pytest.mark.parametrize(
+    ("drawn", "meant"),
+    [
+        (Box(20, 20, 240, 440), LEFT),  # generous: twelve times the body
+        (Box(440, 20, 200, 460), RIGHT),
+        (Box(120, 190, 15, 30), LEFT),  # on the chest
+        (Box(95, 140, 300, 300), LEFT),  # around two: the one that fills more of it
+        (Box(60, 0, 262, 480), LEFT),  # wide around one, and an arm of another
+    ],
+)
+def test_a_box_that_is_drawn_generously_or_small_still_takes_the_person_in_it(drawn: Box, meant: Detection) -> None:
+    assert choose(ALL, SIZE, box=drawn) is meant
+
+
+@pytest.mark.parametrize("drawn", [Box(165, 0, 130, 480), Box(0, 0, 640, 145), Box(150, 280, 160, 200)])
+def test_a_box_beside_people_or_on_an_arm_of_them_is_nobodys(drawn: Box) -> None:
+    with pytest.raises(DetectionError, match="inside the box"):
+        choose(ALL, SIZE, box=drawn)
+
+
 def test_a_point_on_a_body_takes_that_person() -> None:
     assert choose(ALL, SIZE, point=(120, 170)) is LEFT
 

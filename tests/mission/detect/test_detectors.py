@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from importlib import resources
 
 import numpy as np
@@ -84,8 +85,6 @@ def test_suppression_keeps_the_best_of_overlapping_boxes() -> None:
 
 
 def test_the_network_comes_with_its_licence_note_and_is_the_file_that_the_note_names() -> None:
-    import hashlib
-
     folder = resources.files("mission.detect")
     digest = hashlib.sha256(folder.joinpath("nanodet.onnx").read_bytes()).hexdigest()
     note = folder.joinpath("nanodet.LICENSE.md").read_text(encoding="utf-8")

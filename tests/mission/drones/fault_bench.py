@@ -31,6 +31,9 @@ OFFBOARD: dict[FlavourName, tuple[int, int]] = {"px4": (6, 0), "ardupilot": (4, 
 HOLDS = ("hold", "brake")
 STILL_M_S = 0.3
 _CLIMB_M = 2.5
+NOT_YET = ("is not heard", "not known yet", "is not healthy", "the link loses", "the vehicle is holding")
+"""Reasons of a refusal that pass: what must be known is still on its way, or what was lost is still remembered."""
+_SETTLES_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +95,15 @@ class FaultBench:
         self.tap.clear()
         # The operator's modes may have taken it up or down: back to the height, by a few metres in each flight.
         climb = max(-_CLIMB_M, min(_CLIMB_M, self.height_m - float(self.truth().position_enu_m[2])))
-        self.program.tell(f"fly {self._side} {climb if abs(climb) > 0.3 else 0.0}")
+        deadline = time.monotonic() + _SETTLES_S
+        while True:
+            self.program.tell(f"fly {self._side} {climb if abs(climb) > 0.3 else 0.0}")
+            news = self.program.wait_for("flying_s", "order")
+            # A program that has just connected may not have heard all yet; one that has flown remembers what was lost.
+            if not any(reason in str(news.get("reason")) for reason in NOT_YET) or time.monotonic() > deadline:
+                break
+            time.sleep(0.1)  # asks again ten times a second
         self._side = -self._side
-        news = self.program.wait_for("flying_s", "order")
         assert "flying_s" in news, f"the pattern was not flown: {news}"
         time.sleep(max(0.0, news["flying_s"] + into_s - time.monotonic()))
 
@@ -167,7 +176,8 @@ class FaultBench:
         hung_s = time.monotonic()
         os.kill(self.program.pilot_pid, number)
         assert self.comes_to_rest(12.0), f"it does not hold, in {self.mode()}"
-        assert self.program.said("pilot-process-lost"), "the hung process lives on"
+        # Its alarm ends it after 2 s; an aircraft that has hardly set out rests sooner than that.
+        assert self.until(lambda: bool(self.program.said("pilot-process-lost")), 4.0), "the hung process lives on"
         return self.reaction(hung_s)
 
     def end_failsafe(self) -> None:

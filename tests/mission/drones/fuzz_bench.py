@@ -7,14 +7,18 @@ import time
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.drones.link import MavlinkLink
 from mission.drones.loopback import drain
+from tests.mission.drones.processor_wait import Stopwatch
 
 _BATCH = 100
-"""Datagrams between two probes: what the socket's buffer holds."""
+"""Datagrams between two probes: what the socket's buffer holds. The next ones wait for the answer: none is lost."""
+_ANSWER_S = 1.0
+_GIVE_UP_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +27,11 @@ class Flood:
 
     datagrams: int
     slowest_answer_s: float
+    """Without the time in which the machine ran others."""
+    slowest_wall_s: float
+    """With it."""
+    overflowed: int
+    """Datagrams that the kernel threw away because nobody read them in time."""
     growth_bytes: int
     """Of Python's memory over the second half of the flood."""
 
@@ -57,9 +66,10 @@ class FuzzBench:
         """Send so many datagrams, or for so long, with a probe after each hundred.
 
         Raises:
-            AssertionError: a probe is not answered within a second.
+            AssertionError: a probe is not answered within a second in which this process could run.
         """
-        slowest = half = 0.0
+        slowest = wall = half = 0.0
+        lost = self._overflowed()
         began, sent = time.monotonic(), 0
         tracemalloc.start()
         try:
@@ -67,21 +77,26 @@ class FuzzBench:
                 for _ in range(_BATCH):
                     self.sock.send(draw())
                 sent += _BATCH
-                slowest = max(slowest, self.probe())
+                watch = self.probe()
+                slowest, wall = max(slowest, watch[0]), max(wall, watch[1])
                 drain(self.sock)
                 if half == 0.0 and (sent >= datagrams / 2 or time.monotonic() - began > seconds / 2):
                     half = tracemalloc.get_traced_memory()[0]
             growth = tracemalloc.get_traced_memory()[0] - half
         finally:
             tracemalloc.stop()
-        return Flood(sent, slowest, int(growth))
+        return Flood(sent, slowest, wall, self._overflowed() - lost, int(growth))
 
-    def probe(self) -> float:
-        """Seconds until a PING comes out of the link's other end."""
+    def probe(self) -> tuple[float, float]:
+        """Seconds until a PING comes out of the link's other end: those in which this process could run, and all.
+
+        Raises:
+            AssertionError: it does not come within a second of the former.
+        """
         self._nonce += 1
-        began = time.monotonic()
+        watch, lost = Stopwatch(), self._overflowed()
         with self._link.listen("PING") as box:
-            while time.monotonic() - began < 1.0:
+            while watch.own_s < _ANSWER_S and watch.wall_s < _GIVE_UP_S:
                 # Several times: a full socket buffer may have dropped one.
                 self.say(mavlink.MAVLink_ping_message(0, self._nonce, 0, 0))
                 again = time.monotonic() + 0.2
@@ -89,8 +104,18 @@ class FuzzBench:
                     self.attend()
                     found = box.get(0.01)
                     if found is not None and found.seq == self._nonce:
-                        return time.monotonic() - began
-        raise AssertionError("the link does not answer any more")
+                        return watch.own_s, watch.wall_s
+        raise AssertionError(
+            f"no answer in {watch.wall_s:.1f} s, of which this process could run for {watch.own_s:.1f} s;"
+            f" {self._overflowed() - lost} datagrams overflowed meanwhile, {self._link.rejected} frames were broken"
+        )
+
+    def _overflowed(self) -> int:
+        """The kernel's count for the link's socket; 0 where it tells none."""
+        table = Path("/proc/net/udp")
+        port = f":{self._link.port:04X}"
+        lines = table.read_text().splitlines() if table.exists() else []
+        return sum(int(fields[-1]) for fields in map(str.split, lines) if fields[1].endswith(port))
 
     def close(self) -> None:
         """Free the port."""

@@ -57,6 +57,20 @@ def test_take_off_that_the_autopilot_refuses_says_why() -> None:
     assert "does not arm: COMMAND_DENIED" in vehicle.reason_of(order)
 
 
+def test_a_first_setpoint_that_was_lost_is_not_the_end() -> None:
+    """PX4 denies Offboard until it has heard one: it is asked again, and no more once it is in the mode."""
+    vehicle = FakeVehicle("px4").airborne()
+    vehicle.begin()
+    vehicle.obeys = False
+    order = vehicle.order("hover")
+    vehicle.run(0.5)
+    assert vehicle.state_of(order) is OrderState.PENDING
+    vehicle.obeys = True
+    vehicle.run(2.5)
+    assert vehicle.state_of(order) is OrderState.DONE
+    assert vehicle.log.count("start") == 2
+
+
 def test_nothing_flies_without_begin(vehicle: FakeVehicle) -> None:
     for order in (vehicle.order("hover"), vehicle.order("path", path=OUT_AND_BACK), vehicle.order("land")):
         assert vehicle.state_of(order) is OrderState.REFUSED

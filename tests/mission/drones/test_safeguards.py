@@ -169,6 +169,23 @@ def test_a_link_that_loses_too_much_refuses_the_flight_and_ends_one(vehicle: Gua
     assert not vehicle.streaming
 
 
+def test_the_loss_is_named_beside_what_it_brings_about(vehicle: Guarded) -> None:
+    """A hold that is not confirmed, an autopilot that is not heard and a mode that it does not take have one cause."""
+    loss = "the link loses 40 % of the packets, more than 30 %"
+    assert _hover(vehicle) == ""
+    vehicle.loss, vehicle.obeys = 0.4, False
+    vehicle.run(0.1)
+    assert _hover(vehicle) == f"the vehicle is holding; {loss}"
+    vehicle.run(9.0)
+    assert "did not confirm to hold" in vehicle.events("failsafe")[0].text
+    assert loss in vehicle.events("failsafe")[0].text
+    vehicle.silent = True
+    vehicle.run(4.0)
+    assert _hover(vehicle) == f"the autopilot is not heard; {loss}"
+    vehicle.loss = 0.2
+    assert _hover(vehicle) == "the autopilot is not heard"
+
+
 def test_a_guided_vehicle_that_moves_by_itself_is_somebody_elses() -> None:
     vehicle = FakeVehicle("ardupilot").airborne()
     vehicle.silent = True

@@ -138,7 +138,6 @@ def test_the_arrow_is_solved_as_a_dense_matrix_would_be() -> None:
     own, cross = factored.chain_covariance(np.array([24, 27]))
     np.testing.assert_allclose(own, inverse[np.ix_([24, 27], [24, 27])], atol=1e-9)
     np.testing.assert_allclose(cross, inverse[[24, 27], -border:], atol=1e-9)
-    assert factored.log_determinant == pytest.approx(np.linalg.slogdet(dense)[1])
 
 
 def test_a_singular_arrow_is_refused() -> None:

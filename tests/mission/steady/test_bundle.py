@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from mission.steady.bundle import Bundle, Cameras, Rows, adjust
+from mission.steady.bundle import Bundle, adjust
+from mission.steady.projection import Cameras, Rows
 from mission.steady.reports import Reports
 from tests.mission.steady.worlds import FOCAL_PX, Flight, fly, horizon, street, wall
 

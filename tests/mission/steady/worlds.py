@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mission.records import Matrix, NoiseModel, Vector
-from mission.steady.bundle import Cameras, Rows
+from mission.steady.projection import Cameras, Rows
 from mission.steady.reports import ErrorLevels, Reports
 from mission.steady.wander import Wander
 

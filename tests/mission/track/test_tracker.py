@@ -85,6 +85,14 @@ def test_somebody_who_walks_in_front_is_not_taken_for_the_target(network: NanoDe
     assert tracks[-1].state == "tracking"
 
 
+def test_somebody_in_the_same_clothes_who_walks_in_front_is_never_taken_for_the_target(network: NanoDet) -> None:
+    people = person(6.5, 0.0) + BLUE + person(5.0, 9.0, 270.0, speed_m_s=1.2) + BLUE
+    shots = film(people, 44)
+    tracks = follow(shots, network)
+    assert "coasting" in {t.state for t in tracks}, "the two could not be told apart for a while"
+    assert all(away(t, s) < 0.2 for t, s in zip(tracks, shots[1:], strict=True) if t.state == "tracking")
+
+
 def test_a_person_who_is_gone_is_lost_and_stays_lost(network: NanoDet) -> None:
     seen = film(person(6.0) + BLUE, 2)
     other = film(person(6.0, 3.0) + RED, 1)[0].frame.image

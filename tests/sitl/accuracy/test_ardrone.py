@@ -15,7 +15,7 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from mission.errors import EstimateRefused
-from mission.estimate.sightings_file import write_flight
+from mission.estimate.sightings_file import read_flights, write_flight
 from mission.records import CameraIntrinsics, FlightSightings, GeodeticOrigin, Sighting, Vector
 from sitl.accuracy.ardrone import (
     ARDRONE_ROWS,
@@ -25,8 +25,10 @@ from sitl.accuracy.ardrone import (
     chosen_rows,
     judge_three_image,
     paper_images,
+    starter,
 )
 from sitl.accuracy.ardrone_table import ardrone_summary, ardrone_table, reached
+from sitl.accuracy.ardrone_truth import drift_m, with_true_poses
 from sitl.ardrone import ArdroneProcess
 from sitl.camera.airframe import body_from_camera, level_world_from_body_wxyz
 from sitl.camera.lens import project
@@ -132,6 +134,36 @@ def ring() -> Iterator[TruthRing]:
     yield made
     made.close()
     made.unlink()
+
+
+def test_the_people_go_when_the_target_is_centred_and_not_again(ring: TruthRing) -> None:
+    lines: list[str] = []
+    hear = starter(ring, lines.append)
+    hear("   9.1 s  centre: turning to the target")
+    assert ring.mark(0) is None
+    hear("  11.0 s  centre: video runs 179 ms behind telemetry (+-2)")
+    gone_s = ring.mark(0)
+    assert gone_s is not None
+    hear("  12.0 s  centre: the target is not quite centred; going on")
+    assert ring.mark(0) == gone_s
+    assert len(lines) == 3
+
+
+def test_sightings_with_the_true_poses_answer_without_drift(ring: TruthRing, tmp_path: Path) -> None:
+    row = ARDRONE_ROWS[1]
+    running = flown_without_error(row, ring, tmp_path)
+    (flight,) = read_flights(tmp_path / "flights" / "one" / "sightings.jsonl")
+    assert isinstance(flight, FlightSightings)
+    longer = replace(
+        flight,
+        sightings=tuple(replace(s, position_enu_m=tuple(1.1 * np.array(s.position_enu_m))) for s in flight.sightings),
+    )
+    assert drift_m(running, longer) > 0.25
+    again = with_true_poses(running, longer)
+    assert drift_m(running, again) == pytest.approx(0.0, abs=1e-6)
+    for one, other in zip(again.sightings, flight.sightings, strict=True):
+        assert one.position_enu_m == pytest.approx(other.position_enu_m, abs=1e-3)
+        assert one.world_from_camera_wxyz == pytest.approx(other.world_from_camera_wxyz, abs=1e-6)
 
 
 def flown_without_error(row: ArdroneRow, ring: TruthRing, folder: Path) -> Simulation:

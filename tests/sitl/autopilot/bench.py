@@ -10,9 +10,10 @@ import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.records import Vector
-from sitl.autopilot.autopilot import TICK_S, Autopilot
+from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.config import AutopilotConfig
 from sitl.autopilot.flavour import Mode
+from sitl.autopilot.flight_stack import TICK_S
 from sitl.autopilot.link import Link
 
 START_S = 1000.0

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from sitl.autopilot.config import AutopilotConfig, FlavourName
-from sitl.autopilot.estimate_errors import PRESETS, EstimateErrors, GaussMarkov, NoiseName, Wander
+from sitl.autopilot.estimate_errors import PRESETS, EstimateErrors, NoiseName
 from tests.sitl.autopilot.bench import Bench
 from tests.sitl.autopilot.recorded import Errors, drift, recorded_errors
 
-FLIGHTS: dict[NoiseName, Errors] = {}
 SEEDS = range(10)
 
 
@@ -94,23 +93,6 @@ def test_the_same_seed_gives_the_same_errors() -> None:
     a, b, c = simulated("rough", 5, 2.0), simulated("rough", 5, 2.0), simulated("rough", 6, 2.0)
     np.testing.assert_array_equal(a.position_m, b.position_m)
     assert np.abs(a.position_m - c.position_m).max() > 0.01
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_a_gauss_markov_process_has_its_variance_and_its_correlation(order: int) -> None:
-    tau, dt = 1.0, 0.05
-    wander = Wander(2.0, tau, 1 if order == 1 else 2)
-    process = GaussMarkov((wander,) * 400, dt, np.random.default_rng(0))
-    rows = []
-    for _ in range(400):
-        process.step()
-        rows.append(process.values)
-    x = np.array(rows)
-    assert x.std() == pytest.approx(2.0, rel=0.03)
-    lag = round(tau / dt)
-    found = float(np.mean(x[lag:] * x[:-lag]) / np.mean(x * x))
-    expected = math.exp(-1.0) * (1.0 if order == 1 else 2.0)
-    assert found == pytest.approx(expected, abs=0.03)
 
 
 @pytest.mark.parametrize("flavour", ["px4", "ardupilot"])

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
+import sitl
 from sitl.camera.scenery import scenery
-from sitl.grid import named_scenario
-from sitl.scenario import Scenario
+from sitl.scenario import Scenario, read_scenario
 from sitl.world import World
+
+SCENARIOS = Path(sitl.__file__).parent / "scenarios"
 
 
 def heights_above_ground(scenario: Scenario, low: float) -> np.ndarray:
@@ -16,7 +20,7 @@ def heights_above_ground(scenario: Scenario, low: float) -> np.ndarray:
 
 
 def test_nothing_stands_between_the_drone_and_a_person() -> None:
-    scenario = named_scenario("demo")
+    scenario = read_scenario(SCENARIOS / "demo.toml")
     world = World(scenario)
     solid = heights_above_ground(scenario, 0.05)
     for t_s in np.arange(0.0, 12.0, 1.0):
@@ -28,7 +32,7 @@ def test_nothing_stands_between_the_drone_and_a_person() -> None:
 
 
 def test_an_obstacle_stands_where_the_scenario_says() -> None:
-    scenario = named_scenario("occlusion").model_copy(update={"scenery": False})
+    scenario = read_scenario(SCENARIOS / "occlusion.toml").model_copy(update={"scenery": False})
     wall = heights_above_ground(scenario, 0.05)
     middle = 0.5 * (wall.min(axis=0) + wall.max(axis=0))
     assert abs(np.hypot(middle[0], middle[1]) - 6.1) < 0.05
@@ -37,7 +41,7 @@ def test_an_obstacle_stands_where_the_scenario_says() -> None:
 
 
 def test_the_seed_decides() -> None:
-    scenario = named_scenario("demo")
+    scenario = read_scenario(SCENARIOS / "demo.toml")
     one, again = scenery(scenario), scenery(scenario)
     other = scenery(scenario.model_copy(update={"seed": 8}))
     for a, b in zip(one, again, strict=True):

@@ -22,7 +22,6 @@ from mission.drones.ardrone.at import (
     float_as_int,
     ftrim,
     pcmd,
-    pcmd_mag,
     ref,
 )
 
@@ -40,8 +39,6 @@ from mission.drones.ardrone.at import (
             pcmd(Tilt(roll=-1.0, pitch=0.5, gaz=-0.8, yaw=1.0)),
             b"AT*PCMD=7,1,-1082130432,1056964608,-1085485875,1065353216\r",
         ),
-        # 0.05 = 0x3D4CCCCD = 1028443341
-        (pcmd_mag(Tilt(roll=0.05), 0.5, 0.05), b"AT*PCMD_MAG=7,5,1028443341,0,0,0,1056964608,1028443341\r"),
         (ftrim(), b"AT*FTRIM=7\r"),
         (comwdg(), b"AT*COMWDG=7\r"),
         (config("general:navdata_demo", "TRUE"), b'AT*CONFIG=7,"general:navdata_demo","TRUE"\r'),

@@ -1,0 +1,83 @@
+"""What a station has set is there after a restart, until somebody changes the settings file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from gcs_plugin.authority import Authority
+from gcs_plugin.component import CameraComponent, Identity
+from gcs_plugin.component.kept_parameters import KeptParameters
+from mission.errors import SettingsError
+from mission.settings import MissionSettings, PatternSettings
+from tests.gcs_plugin.component.bench import PICTURE, Bench
+
+FILE = MissionSettings(pattern=PatternSettings(length_m=3.0))
+
+
+def run(folder: Path, in_the_file: MissionSettings, **set_to: float) -> tuple[MissionSettings, list[str]]:
+    """A run of the program in which a station sets parameters: what it started with, and what it said of it."""
+    kept = KeptParameters(folder / "parameters.json", in_the_file)
+    bench = Bench(kept.settings)
+    authority = Authority(in_the_file.authority)
+    component = CameraComponent(
+        bench.wire, Identity(1), PICTURE, kept.settings, authority, lambda _: "", lambda: bench.now, kept.keep
+    )
+    bench.component = component
+    component.__enter__()
+    for name, number in set_to.items():
+        bench.say(mavlink.MAVLink_param_set_message(1, 100, name.encode(), number, mavlink.MAV_PARAM_TYPE_REAL32))
+    bench.turn()
+    kept.close()
+    return kept.settings, kept.restored
+
+
+def test_a_set_parameter_is_there_after_a_restart_and_is_told(tmp_path: Path) -> None:
+    run(tmp_path, FILE, PATTERN_LENGTH_M=4.0)
+    settings, restored = run(tmp_path, FILE)
+    assert settings == FILE.model_copy(update={"pattern": PatternSettings(length_m=4.0)})
+    assert restored == ["PATTERN_LENGTH_M 4 instead of 3"]
+
+
+def test_a_settings_file_that_was_changed_since_counts(tmp_path: Path) -> None:
+    run(tmp_path, FILE, PATTERN_LENGTH_M=4.0, PRIOR_SPEED_M_S=2.5)
+    changed = MissionSettings(pattern=PatternSettings(length_m=2.0))
+    settings, restored = run(tmp_path, changed)
+    assert settings.pattern.length_m == 2.0
+    assert settings.prior.speed_sigma_m_s == 2.5
+    assert len(restored) == 1
+
+
+def test_set_back_to_the_settings_file_nothing_is_kept(tmp_path: Path) -> None:
+    run(tmp_path, FILE, PATTERN_LENGTH_M=4.0)
+    run(tmp_path, FILE, PATTERN_LENGTH_M=3.0)
+    assert (tmp_path / "parameters.json").read_text() == "{}\n"
+
+
+def test_a_setting_that_is_not_set_is_kept_as_such(tmp_path: Path) -> None:
+    run(tmp_path, FILE, VIDEO_LATENCY_S=0.2)
+    assert run(tmp_path, FILE, VIDEO_LATENCY_S=math.nan)[0].video.latency_s == pytest.approx(0.2)
+    assert run(tmp_path, FILE)[0].video.latency_s is None
+
+
+def test_a_value_that_the_settings_refuse_is_not_kept(tmp_path: Path) -> None:
+    run(tmp_path, FILE, PATTERN_LENGTH_M=-4.0)
+    assert not (tmp_path / "parameters.json").exists()
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"PATTERN_LENGTH_M": 4}', '{"PATTERN_LENGTH_M": {"set": "x"}}'])
+def test_a_file_that_is_none_is_told(tmp_path: Path, content: str) -> None:
+    (tmp_path / "parameters.json").write_text(content)
+    with pytest.raises(SettingsError, match="Delete it"):
+        KeptParameters(tmp_path / "parameters.json", FILE)
+
+
+def test_a_parameter_of_a_newer_version_and_a_value_out_of_range_are_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "parameters.json").write_text(
+        '{"NEW_THING": {"set": 1, "instead_of": 0}, "PATTERN_LENGTH_M": {"set": -1, "instead_of": 3.0}}'
+    )
+    kept = KeptParameters(tmp_path / "parameters.json", FILE)
+    assert (kept.settings, kept.restored) == (FILE, [])

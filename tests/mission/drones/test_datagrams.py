@@ -1,0 +1,45 @@
+"""A datagram's time is that of its arrival, not of its reading; a time of the kernel that cannot be is not believed."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import pytest
+
+from mission.drones.datagrams import Datagrams
+from mission.drones.loopback import loopback_socket
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells")
+@pytest.mark.parametrize("at_leisure", [False, True])
+def test_what_is_read_late_arrived_when_it_did(at_leisure: bool) -> None:
+    with loopback_socket() as near, loopback_socket() as far:
+        datagrams = Datagrams(near, time.monotonic)
+        far.sendto(b"one", near.getsockname())
+        sent_s = time.monotonic()
+        time.sleep(0.2)  # it waits to be read
+        found = datagrams.receive(at_leisure=at_leisure)
+        assert found is not None
+        data, sender, arrived_s = found
+        assert (data, sender) == (b"one", far.getsockname())
+        assert arrived_s == pytest.approx(sent_s, abs=0.1)
+
+
+@pytest.mark.parametrize("at_leisure", [False, True])
+def test_nothing_is_nothing_after_a_moment(at_leisure: bool) -> None:
+    with loopback_socket() as near:
+        began_s = time.monotonic()
+        assert Datagrams(near, time.monotonic).receive(at_leisure=at_leisure) is None
+        assert 0.01 < time.monotonic() - began_s < 5.0
+
+
+def test_a_time_from_before_the_clock_was_set_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    with loopback_socket() as near, loopback_socket() as far:
+        datagrams = Datagrams(near, lambda: 7.0)
+        far.sendto(b"one", near.getsockname())
+        an_hour_on = time.time() + 3600.0
+        monkeypatch.setattr(time, "time", lambda: an_hour_on)
+        found = datagrams.receive()
+        assert found is not None
+        assert found[2] == 7.0

@@ -1,0 +1,51 @@
+"""Giving control back takes its time; whoever is asked about an abort, and serves the stations there, is asked on."""
+
+from __future__ import annotations
+
+import itertools
+
+from mission.drones.drone import OrderState
+from mission.flight_loop import FlightLoop
+from tests.mission.fakes import FRAME_S, FakeDrone, FakeOrder, FakeVideo
+
+
+class SlowToHold(FakeDrone):
+    """Its hold is confirmed after two seconds."""
+
+    def advance(self, dt: float) -> None:
+        super().advance(dt)
+        if self.order is not None and self.order.kind == "hold" and self.t_s < (self.order.started_s or 0.0) + 2.0:
+            self.order.state = OrderState.FLYING
+
+
+def give_back(drone: FakeDrone) -> tuple[str, list[float]]:
+    """What is said of it, and when the stations were served meanwhile."""
+    served: list[float] = []
+
+    def aborted() -> bool:
+        served.append(drone.t_s)
+        return True
+
+    loop = FlightLoop(drone, FakeVideo(drone), aborted, lambda: drone.t_s, lambda _: None)
+    loop.fly(FakeOrder("hover"))
+    return loop.give_back(), served
+
+
+def test_stations_are_served_while_the_hold_is_confirmed() -> None:
+    said, served = give_back(SlowToHold())
+    assert said == ""
+    assert len(served) >= 30
+    gaps = [later - earlier for earlier, later in itertools.pairwise(served)]
+    assert max(gaps) <= 2 * FRAME_S
+
+
+def test_a_hold_that_nobody_confirms_is_told_in_the_end() -> None:
+    class Deaf(SlowToHold):
+        def advance(self, dt: float) -> None:
+            super().advance(dt)
+            if self.order is not None:
+                self.order.state = OrderState.FLYING
+
+    said, served = give_back(Deaf())
+    assert said == "no answer"
+    assert served
