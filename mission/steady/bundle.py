@@ -27,15 +27,16 @@ _DIRECTION_DAMPING = 0.5
 towards zero would do so too, but it would pull the world apart, whose size the pictures do not hold."""
 _FIRST_NEARNESS = 0.05
 _NEARNESS_RANGE = (-0.2, 2.0)
-_NARROWING = 0.6
+_NARROWING = 0.5
 """Of the outliers' scale, from step to step."""
 _LIMIT = 4.0
 """Of the outliers' scale in the end, in standard deviations of an ordinary row."""
-_REWEIGHTED = 3
+_REWEIGHTED = 2
 """Rows are weighed so often at the scale of the end. Points that err together all along draw the solution towards
 themselves a little more each time, over ten steps and more; on rendered flights that made headings no better."""
-_CONVERGED = 1e-4
-"""Radians (ten metres for one of them): largest step after which the next is not worth its time."""
+_NEAR, _CONVERGED = 4e-3, 1e-4
+"""Radians (ten metres for one of them): a step after which the scale is that of the end, and one after which the next
+is not worth its time."""
 MAX_STEPS = 20
 
 
@@ -98,14 +99,14 @@ def adjust(
     reported, points = cameras, int(rows.point.max()) + 1
     landmarks = _first_landmarks(cameras, rows, points)
     turn, place = np.tile(np.eye(3), (len(cameras.t_s), 1, 1)), np.zeros((len(cameras.t_s), 3))
-    settled, trust = 0, np.empty(0)
+    settled, trust, moved = 0, np.empty(0), np.inf
     for step in range(steps):
         residual, by_camera, by_point = linearise(cameras, landmarks, rows)
         if settled < _REWEIGHTED:
             length2 = length2_of(residual)
             scale = noise_scale(length2, least_sigma)
             wide = start_scale * _NARROWING**step
-            settled += wide <= _LIMIT * scale
+            settled += wide <= _LIMIT * scale and moved < _NEAR
             trust = row_weights(length2, max(wide, _LIMIT * scale), scale, rows.point) / scale**2
         theta, offset, landmarks, factored = _step(
             by_camera, by_point, residual, trust, rows, prior, landmarks, cameras, turn, place
@@ -118,7 +119,8 @@ def adjust(
         place = similarity.pivot_m + similarity.offset_m + similarity.scale * arm @ similarity.turn.T
         place = place - reported.position_m
         cameras = corrected(reported, turn, place)
-        if settled > 0 and max(np.abs(theta).max(), 0.1 * np.abs(offset).max()) < _CONVERGED:
+        moved = max(float(np.abs(theta).max()), 0.1 * float(np.abs(offset).max()))
+        if settled > 0 and moved < _CONVERGED:
             break
     residual, _, _ = linearise(cameras, landmarks, rows)
     length2 = length2_of(residual)

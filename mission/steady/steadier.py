@@ -30,6 +30,8 @@ from mission.steady.steadied import (
 
 _KEY_FRAMES = 30
 _MOST_POINTS = 400
+_MOST_A_FRAME = 100
+"""Points that fix a frame between key frames, on average."""
 _LEAST_ROWS = 3
 """Key frames in which a point must have been seen."""
 _LEAST_FRAMES = 8
@@ -142,7 +144,7 @@ class Steadier:
         turn = similarity.turn @ turn
         place = bundle.cameras.position_m - key_reports.cameras.position_m
         every, _ = self._rows(known, tracks)
-        every = every.only(every.point < len(bundle.still))
+        every = every.only(_some(every, len(bundle.still), _MOST_A_FRAME * len(known))[every.point])
         return _Solved(bundle, similarity, resect(reports.cameras, bundle, turn, place, every))
 
     def _rows(self, frames: NDArray[np.intp], tracks: NDArray[np.intp] | None = None) -> tuple[Rows, NDArray[np.intp]]:
@@ -222,6 +224,16 @@ class Steadier:
         residual_px = solved.bundle.scale * self._camera.intrinsics.fx
         achieved = _noise(solved, noise)
         return Steadied(poses, achieved, curves, trails, residual_px, solved.bundle.still_share)
+
+
+def _some(rows: Rows, points: int, most: int) -> NDArray[np.bool_]:
+    """By point, whether its rows are used: as many of the points as leave at most so many rows, those seen longest."""
+    number = np.bincount(rows.point)
+    number[points:] = 0
+    order = np.argsort(-number, kind="stable")
+    used = np.zeros(len(number), dtype=bool)
+    used[order[np.cumsum(number[order]) <= most]] = True
+    return used & (number > 0)
 
 
 def angles(cameras: Cameras) -> Matrix:
