@@ -31,7 +31,7 @@ from mission.steady.steadied import (
 _KEY_FRAMES = 30
 _MOST_POINTS = 400
 _MOST_A_FRAME = 100
-"""Points that fix a frame between key frames, on average."""
+"""Points that fix a frame, at most."""
 _LEAST_ROWS = 3
 """Key frames in which a point must have been seen."""
 _LEAST_FRAMES = 8
@@ -144,7 +144,7 @@ class Steadier:
         turn = similarity.turn @ turn
         place = bundle.cameras.position_m - key_reports.cameras.position_m
         every, _ = self._rows(known, tracks)
-        every = every.only(_some(every, len(bundle.still), _MOST_A_FRAME * len(known))[every.point])
+        every = every.only(_longest_seen(every, len(bundle.still), _MOST_A_FRAME))
         return _Solved(bundle, similarity, resect(reports.cameras, bundle, turn, place, every))
 
     def _rows(self, frames: NDArray[np.intp], tracks: NDArray[np.intp] | None = None) -> tuple[Rows, NDArray[np.intp]]:
@@ -226,14 +226,14 @@ class Steadier:
         return Steadied(poses, achieved, curves, trails, residual_px, solved.bundle.still_share)
 
 
-def _some(rows: Rows, points: int, most: int) -> NDArray[np.bool_]:
-    """By point, whether its rows are used: as many of the points as leave at most so many rows, those seen longest."""
+def _longest_seen(rows: Rows, points: int, most: int) -> NDArray[np.bool_]:
+    """By row, whether it is used: of each frame at most so many, of the first `points` points, those seen longest."""
     number = np.bincount(rows.point)
-    number[points:] = 0
-    order = np.argsort(-number, kind="stable")
-    used = np.zeros(len(number), dtype=bool)
-    used[order[np.cumsum(number[order]) <= most]] = True
-    return used & (number > 0)
+    order = np.lexsort((-number[rows.point], rows.point >= points, rows.frame))
+    begin = np.searchsorted(rows.frame[order], rows.frame[order])
+    used = np.zeros(len(order), dtype=bool)
+    used[order] = np.arange(len(order)) - begin < most
+    return used & (rows.point < points)
 
 
 def angles(cameras: Cameras) -> Matrix:

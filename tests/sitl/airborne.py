@@ -46,6 +46,8 @@ class Airborne:
     running: Simulation
     report: Path
     relay: FaultRelay
+    attempts: int = _ATTEMPTS
+    """Flights that are flown for one, where `_STARVED` says why it ended; 1 where figures are taken."""
 
     @property
     def autopilot(self) -> AutopilotProcess:
@@ -66,7 +68,7 @@ class Airborne:
 
     def locate(self, *options: str) -> tuple[Result, str]:
         """A whole flight, scored against the truth, and all that was said; again where the machine had no time."""
-        for _ in range(_ATTEMPTS):
+        for _ in range(self.attempts):
             code, said = locate(self.running, [*self.link, *options])
             result, text = scored(self.running, self.report, code, said), " ".join(" ".join(said).split())
             if result.exit_code == 0 or not any(reason in text for reason in _STARVED):
@@ -87,7 +89,7 @@ class Airborne:
         settings = self.running.settings.read_text(encoding="utf-8")
         quick.write_text(settings.replace("[video]", "[video]\ncheck_offset = false"), encoding="utf-8")
         command = [sys.executable, "-m", "gcs_plugin", "locate", "--settings", str(quick), *self.link]
-        for _ in range(_ATTEMPTS):
+        for _ in range(self.attempts):
             said, acted = [], False
             with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
                 for line in process.stdout or ():

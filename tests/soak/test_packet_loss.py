@@ -26,6 +26,7 @@ def aircraft(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Airborn
     with airborne(scenario, tmp_path) as found:
         if request.param == "px4":
             found.set_integer("COM_OBL_RC_ACT", 5)
+        found.attempts = 1
         yield found
 
 
