@@ -262,7 +262,7 @@ class Locate:
         """Of the reported pose at a frame's time."""
         noise = self._drone.noise()
         video = self._settings.video
-        if self._offset is None and video.check_offset and video.latency_s is None and not self._camera.latency_s:
+        if self._offset is None and video.latency_s is None and not self._camera.latency_s:
             return offset_unknown(noise)
         return noise
 

@@ -69,8 +69,6 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flown]:
     (folder / "key").write_bytes(hashlib.sha256(PASSPHRASE.encode()).digest())
     with simulation(parse_scenario(COPTER), folder, extra_settings=SIGNED) as running:
         assert isinstance(running.autopilot, AutopilotProcess)
-        settings = running.settings.read_text(encoding="utf-8")  # without the wiggle that measures the video's delay
-        running.settings.write_text(settings.replace("[video]", "[video]\ncheck_offset = false"), encoding="utf-8")
         proxy = MavProxy(running.autopilot.operator_url, folder)
         try:
             yield fly(running, running.autopilot, proxy, folder)
