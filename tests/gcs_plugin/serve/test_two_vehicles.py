@@ -10,28 +10,19 @@ from gcs_plugin.geotags import read_geotags
 from tests.gcs_plugin.serve.station import until
 from tests.gcs_plugin.serve.two_vehicles import Pair, Trouble, kill, two_vehicles
 
-ALL: tuple[Trouble, ...] = ("pilot killed", "video gone", "link cut")
-SOAK = [pytest.mark.soak, pytest.mark.timeout(900)]
+TROUBLES: tuple[Trouble, ...] = ("pilot killed", "video gone", "link cut")
+
+pytestmark = [pytest.mark.soak, pytest.mark.timeout(900)]
 
 
-@pytest.mark.parametrize(
-    ("one_link", "troubles"),
-    [
-        pytest.param(False, ("link cut",), marks=pytest.mark.flight, id="two links, one is cut"),
-        pytest.param(True, ("pilot killed",), marks=pytest.mark.flight, id="one link, a pilot process is killed"),
-        pytest.param(False, ALL, marks=SOAK, id="two links, all troubles"),
-        pytest.param(True, ALL, marks=SOAK, id="one link, all troubles"),
-    ],
-)
-def test_both_are_located_at_the_same_time_and_ones_trouble_is_not_the_others(
-    tmp_path: Path, one_link: bool, troubles: tuple[Trouble, ...]
-) -> None:
+@pytest.mark.parametrize("one_link", [False, True], ids=["two links", "one link"])
+def test_both_are_located_at_the_same_time_and_ones_trouble_is_not_the_others(tmp_path: Path, one_link: bool) -> None:
     with two_vehicles(tmp_path, one_link=one_link) as pair:
         pair.both_fly()
         assert len({*pair.pilots, *pair.fleet.pids}) == 4
         assert all(pair.locates(vehicle, 0) for vehicle in pair.vehicles), pair.news()
         each_has_its_own_answer(pair)
-        for trouble in troubles:
+        for trouble in TROUBLES:
             the_second_is_located_whatever_befalls_the_first(pair, trouble)
 
 
