@@ -38,6 +38,7 @@ _LOG = logging.getLogger(__name__)
 
 _FOREIGN = ("SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET", "COMMAND_INT")
 _DO_REPOSITION = 192
+_GET_TO_KNOW_S = 4.0
 _ASK_TARGET_S = 2.0
 _ASK_TARGET_TIMES = 3
 _TARGET_HZ = 200.0
@@ -82,6 +83,14 @@ class _Vehicle:
         self._target_asked_s = -_ASK_TARGET_S
         self._target_watched = False
         self._target_asks = _ASK_TARGET_TIMES
+
+    def get_to_know(self) -> None:
+        """Hear what must be known of it before it may be flown, or as much as comes: an order may follow at once."""
+        until_s = time.monotonic() + _GET_TO_KNOW_S
+        while not self.safeguards.known and (now := time.monotonic()) < until_s:
+            self.keep_rates(now)
+            self.safeguards.ask(self.link, now)
+            time.sleep(0.02)  # paces the asking; the answers come in the link's thread
 
     @property
     def guards(self) -> Guards:
@@ -210,7 +219,13 @@ def _wait_for_system(mavsdk: Mavsdk, wanted: int, deadline_s: float) -> System |
 
 def main(arguments: list[str]) -> int:
     """Run until the program goes; exit status 0 after an orderly end."""
-    return run(lambda _: _Vehicle(PilotConfig.model_validate_json(arguments[0] if arguments else "")))
+    return run(lambda _: _known_vehicle(PilotConfig.model_validate_json(arguments[0] if arguments else "")))
+
+
+def _known_vehicle(config: PilotConfig) -> _Vehicle:
+    vehicle = _Vehicle(config)
+    vehicle.get_to_know()
+    return vehicle
 
 
 if __name__ == "__main__":

@@ -61,6 +61,12 @@ class PositionTarget:
     """Without a velocity: a point to go to, not a setpoint that moves."""
 
 
+_HEARTBEAT_S = 3.5
+_HEARTBEAT_AT_MOST_S = 6.5
+"""While other telemetry comes; in ArduPilot's heartbeat alone is its mode, so not for longer."""
+_HEARD_S = 1.0
+
+
 class VehicleState:
     """The newest of what one vehicle reports. `update` is called in the link's thread, the rest from any.
 
@@ -73,6 +79,8 @@ class VehicleState:
         self.autopilot: Autopilot = "other"
         self.vehicle_type = 0
         self.heartbeat_s: float | None = None
+        self.heard_s: float | None = None
+        """When anything was last heard of it."""
         self.mode = FlightMode("unknown", "unknown")
         self.mode_s: float | None = None
         self.mode_changes: deque[tuple[float, FlightMode]] = deque(maxlen=50)
@@ -117,11 +125,18 @@ class VehicleState:
         if message.get_srcSystem() != self.system:
             return
         with self._lock:
+            self.heard_s = now_s
             _UPDATES[name](self, message, now_s)
 
-    def connected(self, now_s: float, timeout_s: float = 3.5) -> bool:
-        """Whether the autopilot's heartbeat is young enough."""
-        return self.heartbeat_s is not None and now_s - self.heartbeat_s < timeout_s
+    def connected(self, now_s: float) -> bool:
+        """Whether the autopilot is heard: by a young heartbeat, or by an older one while other telemetry comes.
+
+        Heartbeats come once a second: at 20 % loss three in a row are lost within every other minute.
+        """
+        if self.heartbeat_s is None or self.heard_s is None:
+            return False
+        silent_s = now_s - self.heartbeat_s
+        return silent_s < _HEARTBEAT_S or (silent_s < _HEARTBEAT_AT_MOST_S and now_s - self.heard_s < _HEARD_S)
 
     @property
     def in_air(self) -> bool:

@@ -51,9 +51,9 @@ class ArdroneVehicle(VehicleState):
         self.navdata: Navdata | None = None
         self._state = 0
 
-    def connected(self, now_s: float, timeout_s: float = _SILENT_S) -> bool:
+    def connected(self, now_s: float) -> bool:
         """Whether navdata is young enough."""
-        return super().connected(now_s, timeout_s)
+        return self.heartbeat_s is not None and now_s - self.heartbeat_s < _SILENT_S
 
     def position_ok(self, now_s: float) -> bool:
         """Whether the dead reckoning is fresh: there need be no GPS."""

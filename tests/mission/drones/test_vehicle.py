@@ -107,3 +107,16 @@ def test_unknown_modes_are_unknown() -> None:
     assert flight_mode("px4", 77 << 16).kind == "unknown"
     assert flight_mode("ardupilot", 4_000_000_000).kind == "unknown"
     assert flight_mode("other", 4).kind == "unknown"
+
+
+def test_lost_heartbeats_are_borne_for_a_while_as_long_as_other_telemetry_comes() -> None:
+    state, _ = _replay(PX4, 20.0)
+    beat_s = state.heartbeat_s
+    assert beat_s is not None
+    assert state.connected(beat_s + 3.4)
+    assert not state.connected(beat_s + 3.6), "all is silent"
+    (attitude,) = [m for _, m in messages(PX4) if m.get_type() == "ATTITUDE"][:1]
+    state.update(attitude, beat_s + 5.0)
+    assert state.connected(beat_s + 5.5)
+    state.update(attitude, beat_s + 6.4)
+    assert not state.connected(beat_s + 6.6), "its mode is not known any more"
