@@ -67,8 +67,6 @@ class TrackedFrame:
     """(n, 2) work pixels of the levelled picture, counted from the middle of the first one as OpenCV does."""
     roll_rad: float
     """By how much the picture was turned to level it."""
-    left_out: tuple[Box, ...]
-    """Where no points are wanted; picture pixels."""
 
 
 class PointTracker:
@@ -121,7 +119,7 @@ class PointTracker:
             track = np.concatenate([track, np.arange(self._next, self._next + len(fresh), dtype=np.int32)])
             point = np.concatenate([point, fresh])
             self._next += len(fresh)
-        self.frames.append(TrackedFrame(frame.t_s, grey, track, point, roll_rad, tuple(left_out)))
+        self.frames.append(TrackedFrame(frame.t_s, grey, track, point, roll_rad))
 
     def _seen_again(
         self, grey: Image, t_s: float, wanted: NDArray[np.uint8], track: NDArray[np.int32], point: Points

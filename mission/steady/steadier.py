@@ -73,7 +73,7 @@ class Steadier:
         self._seen: list[tuple[Matrix, Matrix]] = []
 
     def add(self, frame: Frame, left_out: Sequence[Box] = (), roll_rad: float = 0.0) -> None:
-        """Follow the background into the next frame; about 4 ms at 640 x 480.
+        """Follow the background into the next frame; 4 to 6 ms at 640 x 480.
 
         Args:
             frame: BGR picture.
