@@ -117,7 +117,7 @@ class FlightLoop:
 
         Raises:
             Aborted: the operator wants no more of it; at once.
-            SidestepError: what the work raises.
+            SidestepError: what the work raises; where the flight was ended meanwhile, its end beside that.
         """
         future, ended = self._worker.submit(work), None
         while not future.done():
@@ -128,7 +128,12 @@ class FlightLoop:
             except (FlightEnded, LinkError) as error:
                 ended = ended or error
             wait((future,), timeout=FRAME_WAIT_S)
-        return future.result(), ended
+        try:
+            return future.result(), ended
+        except SidestepError as error:
+            if ended is None:
+                raise
+            raise type(ended)(f"{ended.cause}; {error.cause}", ended.remedy) from error
 
     def give_back(self, timeout_s: float = 5.0) -> str:
         """Order hold, unless somebody else has the aircraft; wait until it holds.

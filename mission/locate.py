@@ -37,6 +37,8 @@ POSE_AGE_S = 0.2
 ORDER_TIMEOUT_S = 15.0
 UNKNOWN_OFFSET_RAD = 0.03
 """Wander of the heading when the video's delay could not be measured: 0.1 s at the 0.3 rad/s of an ordinary pattern."""
+BAD_LINK = 0.1
+"""Fraction of lost packets that an operator whose target was lost should hear of."""
 LOCAL_ORIGIN = GeodeticOrigin(0.0, 0.0, 0.0)
 """Stands for an unknown place, for aircraft without a global position."""
 
@@ -113,6 +115,12 @@ class Locate:
                 self._reposition(located)
                 located = self._estimate(self._sidestep(f"{flight_id}-{number}"))
             return located
+        except (DetectionError, EstimateRefused) as error:
+            loss = self._drone.telemetry().packet_loss
+            if loss is None or loss < BAD_LINK:
+                raise
+            cause = f"{error.cause}; meanwhile the link loses {100.0 * loss:.0f} % of the packets"
+            raise type(error)(cause, f"{error.remedy} A better link may help.".lstrip()) from error
         finally:
             if self._loop.ours:
                 self._watcher.stage(Stage.HOLD, "giving control back, holding")

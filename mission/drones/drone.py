@@ -148,6 +148,8 @@ class Telemetry:
     """Rate at which positions and attitudes arrive (the smaller one)."""
     geoid_separation_m: float | None = None
     """Ellipsoid height minus AMSL height, where the aircraft tells both."""
+    packet_loss: float | None = None
+    """Fraction of the aircraft's packets that do not arrive, over the last seconds; None where that is not known."""
 
 
 class Drone(Protocol):

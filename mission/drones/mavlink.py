@@ -18,6 +18,7 @@ from mission.drones.drone import Capabilities
 from mission.drones.limits import FlightSettings
 from mission.drones.link import MavlinkLink
 from mission.drones.loopback import loopback_socket
+from mission.drones.packet_loss import PacketLoss
 from mission.drones.pilot_config import PROGRAM_COMPONENT, PilotConfig
 from mission.drones.piloted_drone import PilotedDrone
 from mission.drones.pose_quality import attitude_covariance, noise_model, position_covariance
@@ -79,6 +80,7 @@ class MavlinkDrone(PilotedDrone):
         self._poses = PoseBuffer()
         self._origin: GeodeticOrigin | None = None
         self._newest_boot_s = 0.0
+        self._loss = PacketLoss()
         self._thinning = Thinning(self._target_system, self._clock(), sparing=self._sparing)
 
     @property
@@ -135,7 +137,7 @@ class MavlinkDrone(PilotedDrone):
             target_system=system,
             handler=self._take,
             handled=VEHICLE_MESSAGES,
-            wants=self._thinning.wants,
+            wants=self._look_at,
             at_leisure=self._thinning.at_leisure,
             clock=self._clock,
         )
@@ -190,6 +192,14 @@ class MavlinkDrone(PilotedDrone):
 
     def _pose_rate(self) -> float:
         return 0.0 if self._rates is None else min(self._rates.hz("GLOBAL_POSITION_INT"), self._rates.hz("ATTITUDE"))
+
+    def _packet_loss(self, now_s: float) -> float | None:
+        return self._loss.fraction(now_s)
+
+    def _look_at(self, message_id: int, frame: bytes, arrived_s: float) -> bool:
+        """In the link's thread."""
+        self._loss.observe(frame, self._state.system, arrived_s)
+        return self._thinning.wants(message_id, frame, arrived_s)
 
     def _take(self, message: Any, arrived_s: float) -> None:
         """In the link's thread."""

@@ -89,6 +89,7 @@ class PilotedDrone(ABC):
             heading_ok=state.heading_ok(now),
             pose_rate_hz=self._pose_rate(),
             geoid_separation_m=state.geoid_separation_m,
+            packet_loss=self._packet_loss(now),
         )
 
     def begin(self, bounds: Bounds) -> None:
@@ -192,6 +193,10 @@ class PilotedDrone(ABC):
     def _poses_come(self) -> bool:
         self.keep_alive()
         return self._pose_rate() >= self._min_pose_rate_hz and self._state.connected(self._clock())
+
+    def _packet_loss(self, now_s: float) -> float | None:
+        """Fraction of the aircraft's packets that do not arrive; None where that is not known."""
+        return None
 
     @abstractmethod
     def _pose_rate(self) -> float:

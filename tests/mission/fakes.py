@@ -57,6 +57,7 @@ class FakeDrone:
 
     def __post_init__(self) -> None:
         self._aim = self.heading
+        self.packet_loss: float | None = None
         self._path: tuple[Path, float, Vector] | None = None
         self._poses: list[Pose] = []
         self._events: list[DroneEvent] = []
@@ -68,9 +69,8 @@ class FakeDrone:
         self.calls.append("close")
 
     def telemetry(self) -> Telemetry:
-        return Telemetry(
-            self.t_s, self.connected, True, True, "OFFBOARD", 0.9, 1.5, self.heading, True, True, 50.0, 20.0
-        )
+        reported = (self.t_s, self.connected, True, True, "OFFBOARD", 0.9, 1.5, self.heading, True, True, 50.0, 20.0)
+        return Telemetry(*reported, packet_loss=self.packet_loss)
 
     def pose_at(self, t_s: float) -> Pose | None:
         return next((pose for pose in reversed(self._poses) if abs(pose.t_s - t_s) < 1e-6), None)

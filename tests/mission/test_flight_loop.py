@@ -1,10 +1,14 @@
-"""Giving control back takes its time; whoever is asked about an abort, and serves the stations there, is asked on."""
+"""What ends a flight while something else is waited for; whoever is asked about an abort is asked on meanwhile."""
 
 from __future__ import annotations
 
 import itertools
+import threading
+
+import pytest
 
 from mission.drones.drone import OrderState
+from mission.errors import EstimateRefused, LinkError
 from mission.flight_loop import FlightLoop
 from tests.mission.fakes import FRAME_S, FakeDrone, FakeOrder, FakeVideo
 
@@ -49,3 +53,20 @@ def test_a_hold_that_nobody_confirms_is_told_in_the_end() -> None:
     said, served = give_back(Deaf())
     assert said == "no answer"
     assert served
+
+
+def test_work_that_fails_after_the_flight_was_ended_tells_both() -> None:
+    drone, told = FakeDrone(), threading.Event()
+    drone.seize("link-lost", "the link loses 41 % of the packets")
+
+    def aborted() -> bool:
+        told.set()
+        return False
+
+    def refuse() -> None:
+        assert told.wait(10.0)
+        raise EstimateRefused("0 usable sightings are too few", "Keep the target in view.")
+
+    loop = FlightLoop(drone, FakeVideo(drone), aborted, lambda: drone.t_s, lambda _: None)
+    with pytest.raises(LinkError, match="loses 41 % of the packets; 0 usable sightings"):
+        loop.through(refuse)

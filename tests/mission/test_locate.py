@@ -208,6 +208,17 @@ def test_a_person_who_leaves_at_once_gives_a_reason_instead_of_a_position() -> N
     assert scene.drone.calls[-1] == "hold"
 
 
+@pytest.mark.parametrize(("loss", "named"), [(0.42, True), (0.02, False), (None, False)])
+def test_a_link_that_loses_much_is_named_beside_the_lost_target(loss: float | None, named: bool) -> None:
+    scene = Scene()
+    scene.drone.packet_loss = loss
+    scene.sight.gone_from_s = scene.drone.t_s
+    with pytest.raises(DetectionError) as raised:
+        scene.run()
+    assert ("the link loses 42 % of the packets" in raised.value.cause) is named
+    assert ("A better link may help" in raised.value.remedy) is named
+
+
 def test_without_a_global_position_the_answer_is_local() -> None:
     scene = Scene()
     scene.drone.origin = None
