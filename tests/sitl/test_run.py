@@ -123,10 +123,3 @@ def test_video_that_stops_in_the_pattern_holds_and_says_so(flown: Flown) -> None
     assert code == 1
     assert "no picture for 1 s" in said
     assert flown.aircraft.comes_to_rest()
-
-
-def test_the_pilot_takes_over_and_keeps_the_aircraft(flown: Flown) -> None:
-    code, said = flown.aircraft.locate_until(PATTERN, lambda _: flown.aircraft.autopilot.switch(Mode.LAND))
-    assert code == 1
-    assert "no answer" not in said
-    assert flown.aircraft.autopilot.state()["mode"] == Mode.LAND.value

@@ -108,12 +108,11 @@ def test_a_pilot_process_that_hangs_ends_itself_and_the_aircraft_holds(fleet: Fl
 
 
 def test_a_broken_program_ends_in_hold(fleet: Fleet) -> None:
-    """A silent one, too: see the interface's test."""
+    """A silent one, too: see the interface's test. A blocked event loop: `make soak`."""
 
     def check(flown: MavlinkFlown) -> None:
         if flown is fleet.px4:
             assert flown.bench.program_broken("hung", into_s=1.0).hold_ordered_s < 0.7
-            assert flown.bench.program_broken("blocked", into_s=1.0).hold_ordered_s < 0.7
         else:
             assert flown.bench.program_broken("killed", into_s=1.0).hold_ordered_s < 0.7
 
