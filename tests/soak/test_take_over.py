@@ -23,7 +23,7 @@ def test_the_pilot_takes_over_and_keeps_the_aircraft(tmp_path: Path) -> None:
         aircraft.set_integer("COM_OBL_RC_ACT", 5)
         first, said = aircraft.locate(*TAKE_OFF)
         assert first.exit_code == 0, said
-        for mode in (Mode.POSITION, Mode.LAND):
+        for mode in (Mode.HOLD, Mode.LAND):
             code, said = aircraft.locate_until(PATTERN, partial(switch, aircraft, mode))
             assert code == 1, said
             assert "not by us" in said

@@ -93,20 +93,6 @@ def test_a_killed_pilot_process_leaves_the_aircraft_to_its_own_failsafe(fleet: F
     each(fleet.mavlink, check)
 
 
-def test_a_pilot_process_that_hangs_ends_itself_and_the_aircraft_holds(fleet: Fleet) -> None:
-    def check(flown: MavlinkFlown) -> None:
-        bench = flown.bench
-        if bench.flavour == "px4":
-            # Its loop hangs: a thread orders hold.
-            assert bench.pilot_hung(1.0, signal.SIGUSR1).hold_ordered_s < 0.9
-        else:
-            # Python hangs, MAVSDK sends on: the kernel ends the process after 2 s.
-            assert bench.pilot_hung(1.0, signal.SIGUSR2).last_setpoint_s < 2.5
-        bench.end_failsafe()
-
-    each(fleet.mavlink, check)
-
-
 def test_a_broken_program_ends_in_hold(fleet: Fleet) -> None:
     """A silent one, too: see the interface's test. A blocked event loop: `make soak`."""
 
