@@ -38,7 +38,7 @@ _LOG = logging.getLogger(__name__)
 
 _FOREIGN = ("SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET", "COMMAND_INT")
 _DO_REPOSITION = 192
-_GET_TO_KNOW_S = 4.0
+_GET_TO_KNOW_S = 6.0
 _ASK_TARGET_S = 2.0
 _ASK_TARGET_TIMES = 3
 _TARGET_HZ = 200.0
@@ -87,7 +87,7 @@ class _Vehicle:
     def get_to_know(self) -> None:
         """Hear what must be known of it before it may be flown, or as much as comes: an order may follow at once."""
         until_s = time.monotonic() + _GET_TO_KNOW_S
-        while not self.safeguards.known and (now := time.monotonic()) < until_s:
+        while not (self.safeguards.known and self.state.told) and (now := time.monotonic()) < until_s:
             self.keep_rates(now)
             self.safeguards.ask(self.link, now)
             time.sleep(0.02)  # paces the asking; the answers come in the link's thread

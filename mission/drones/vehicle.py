@@ -159,6 +159,13 @@ class VehicleState:
             return None
         return self.ground_down_m - float(self.local.position_ned_m[2])
 
+    @property
+    def told(self) -> bool:
+        """Whether all that says how healthy position and heading are was heard at least once, good or bad."""
+        vouched = self.ekf_flags is not None or self.estimator_flags is not None
+        poses = self.global_s is not None and self.local is not None and self.attitude_s is not None
+        return poses and vouched and self.gps_fix != mavlink.GPS_FIX_TYPE_NO_GPS
+
     def position_ok(self, now_s: float) -> bool:
         """Whether the estimator vouches for a horizontal position and both positions are fresh."""
         fresh = self._fresh(self.global_s, now_s) and self.local is not None and self._fresh(self.local.t_s, now_s)

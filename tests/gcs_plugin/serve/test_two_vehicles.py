@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from gcs_plugin.geotags import read_geotags
+from sitl.autopilot import Mode
 from tests.gcs_plugin.serve.station import until
 from tests.gcs_plugin.serve.two_vehicles import Pair, Trouble, kill, two_vehicles
 
@@ -56,4 +57,6 @@ def the_second_is_located_whatever_befalls_the_first(pair: Pair, trouble: Troubl
     assert not any("vehicle 2" in line and ("lost" in line or "gone" in line) for line in pair.said), pair.news()
     (first.folder / "no-video").unlink(missing_ok=True)
     first.autopilot.cut(False)
+    first.autopilot.switch(Mode.HOLD)  # the operator ends the autopilot's failsafe
+    assert until(lambda: not first.critical, 5.0)
     assert until(lambda: pair.served_again(first), 60.0), pair.news()

@@ -13,6 +13,8 @@ from pathlib import Path
 from threading import Thread
 from typing import Literal
 
+from pymavlink.dialects.v20 import all as mavlink
+
 from gcs_plugin.serve.fleet import Fleet, vehicles
 from mission.records import GeodeticOrigin
 from sitl.autopilot import AutopilotConfig, AutopilotProcess, Mode, start_autopilot
@@ -49,6 +51,11 @@ class Vehicle:
     def holds(self) -> bool:
         """Whether it stands in the air by itself."""
         return self.autopilot.state()["mode"] == Mode.HOLD.value
+
+    @property
+    def critical(self) -> bool:
+        """Whether its newest heartbeat says that it is in a failsafe."""
+        return bool(self.station.found("HEARTBEAT", 1)[-1].system_status == mavlink.MAV_STATE_CRITICAL)
 
     @property
     def results(self) -> list[int]:

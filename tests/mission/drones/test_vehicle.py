@@ -54,6 +54,20 @@ def test_a_real_vehicle_is_healthy_and_flies(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", [ARDUCOPTER, PX4], ids=["ardupilot", "px4"])
+@pytest.mark.parametrize("lost", ["EKF_STATUS_REPORT ESTIMATOR_STATUS", "GPS_RAW_INT", "LOCAL_POSITION_NED", ""])
+def test_its_health_is_told_once_all_that_it_is_made_of_was_heard(path: Path, lost: str) -> None:
+    state, start = VehicleState(), None
+    for arrived, message in messages(path):
+        start = arrived if start is None else start
+        if arrived - start > 16.0:
+            break
+        if message.get_type() in VEHICLE_MESSAGES and message.get_type() not in lost.split():
+            state.update(message, arrived)
+    assert state.told is (lost == "")
+    assert not VehicleState().told
+
+
+@pytest.mark.parametrize("path", [ARDUCOPTER, PX4], ids=["ardupilot", "px4"])
 def test_the_height_has_no_steps_though_px4_moves_its_home(path: Path) -> None:
     _, heights = _replay(path, until_s=26.0)
     hovering = np.array(heights)[-100:]
