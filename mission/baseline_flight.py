@@ -8,9 +8,10 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from typing import Protocol
 
 import numpy as np
@@ -19,7 +20,7 @@ from mission.camera.baseline import DELAYS_S, HOVER_S, IMAGES, INTERVAL_S, WallR
 from mission.camera.camera import Camera
 from mission.camera.wall import WallSight
 from mission.drones.drone import Bounds, Drone
-from mission.errors import FlightEnded, LinkError
+from mission.errors import FlightEnded, LinkError, VideoError
 from mission.flight_loop import FlightLoop
 from mission.pattern import legs, paper_path
 from mission.pose import Pose, heading
@@ -28,9 +29,15 @@ from mission.video import VideoSource
 
 ORDER_TIMEOUT_S = 15.0
 RETURN_M_S = 1.0
+POSE_WAIT_S = 2.0
+"""Across a gap in what the aircraft tells there is no pose for a moment."""
 _POSE_STEP_S = 0.02
 _PEAK_SPEED = 1.875
 """Of a minimum-jerk leg over its mean."""
+AGAIN = 3
+"""Runs in which the video stood still, and which are flown again, at most: a busy computer, a passing interference."""
+PATIENCE = 15
+"""So often may the video stand still (`VIDEO_LOST_S`) before it is given up where its pictures are not needed."""
 
 _log = logging.getLogger(__name__)
 
@@ -77,41 +84,51 @@ class WallFlights:
         self._wall = wall
         self._loop = FlightLoop(drone, video, aborted, clock, _log.warning)
         self._clock = clock
-        self._far_m = 0.0
 
     def run(self, runs: int, bounds: Bounds, left: bool, told: Callable[[int], None]) -> list[WallFlight]:
-        """Fly that many runs, each to the side and back.
+        """Fly that many runs, each to the side and back. One in which the video stood still is flown again.
 
         Args:
             runs: how many.
             bounds: of the flight.
             left: to which side.
-            told: called with each run's number when it begins.
+            told: called with each run's number when it begins, and when it begins again.
 
         Raises:
             FlightRefused: the aircraft does not take an order.
             FlightEnded: abort, pilot, or failsafe; or nothing is known of where it is.
             CalibrationError: the wall was not seen at a run's start, or the flight was not along it.
-            LinkError, VideoError: the link or the video is gone.
+            LinkError, VideoError: the link or the video is gone, or the video stood still in more runs than `AGAIN`.
         """
         try:
             self._drone.begin(bounds)
             self._loop.fly(self._drone.hover())
             for _ in self._loop.until_done(ORDER_TIMEOUT_S):
                 pass
-            nose = heading(self._drone_pose().world_from_body_wxyz)
+            start = self._drone_pose()
+            nose = heading(start.world_from_body_wxyz)
             side = np.array([-math.cos(nose), math.sin(nose), 0.0]) * (1.0 if left else -1.0)
-            flights = []
-            for number in range(1, runs + 1):
+            flights: list[WallFlight] = []
+            broken = 0
+            while len(flights) < runs:
+                number = len(flights) + 1
                 told(number)
                 self._drone.aim(nose)
-                flights.append(self._out(side))
-                self._back(side)
+                try:
+                    flights.append(self._out(side, start.position_enu_m))
+                except VideoError as error:
+                    broken += 1
+                    if broken > AGAIN:
+                        raise
+                    _log.warning("run %d is flown again: %s", number, error.cause)
+                    self._loop.fly(self._drone.hover())
+                    self._finish(ORDER_TIMEOUT_S)
+                self._back(side, start.position_enu_m)
             return flights
         finally:
             self._loop.give_back()
 
-    def _out(self, side: Vector) -> WallFlight:
+    def _out(self, side: Vector, start_m: Vector) -> WallFlight:
         path = paper_path(side)
         times: list[float] = []
         sights: list[WallSight] = []
@@ -125,29 +142,27 @@ class WallFlights:
         # From before the start on: image 0 lies between two pictures also where they come late.
         for frame in self._loop.frames(HOVER_S):
             look(frame)
-        began = self._drone_pose().position_enu_m
         order = self._drone.fly(path)
         self._loop.fly(order)
         for frame in self._loop.until_done(path.duration_s + ORDER_TIMEOUT_S):
             look(frame)
-        self._far_m = float(np.linalg.norm((self._drone_pose().position_enu_m - began)[:2]))
         if order.started_s is None:
             raise LinkError("the aircraft did not say when the pattern began", "Try again.")
         run = WallRun(order.started_s, np.array(times), tuple(sights))
         # Beside the loop: the aircraft holds when the program is silent for half a second.
-        return self._loop.meanwhile(partial(self._flight, run, began, side))
+        return self._loop.meanwhile(partial(self._flight, run, start_m, side))
 
-    def _flight(self, run: WallRun, began: Vector, side: Vector) -> WallFlight:
-        stamped = run.times_s - self._delay_s(run.times_s, run.sights, began, side)
+    def _flight(self, run: WallRun, start_m: Vector, side: Vector) -> WallFlight:
+        stamped = run.times_s - self._delay_s(run.times_s, run.sights, start_m, side)
         return WallFlight(travel_of(replace(run, times_s=stamped)), self._reckoned(run.started_s))
 
-    def _delay_s(self, times_s: Vector, sights: Sequence[WallSight], began: Vector, side: Vector) -> float:
+    def _delay_s(self, times_s: Vector, sights: Sequence[WallSight], start_m: Vector, side: Vector) -> float:
         """Of the video against the poses: nobody tells the camera's latency to better than a tenth of a second."""
         if not sights:
             return 0.0
         asked = np.arange(times_s[0] - DELAYS_S[1], times_s[-1] - DELAYS_S[0], _POSE_STEP_S)
         poses = [self._drone.pose_at(float(t_s)) for t_s in asked]
-        reckoned = [math.nan if pose is None else float((pose.position_enu_m - began) @ side) for pose in poses]
+        reckoned = [math.nan if pose is None else float((pose.position_enu_m - start_m) @ side) for pose in poses]
         return video_delay(times_s, np.array([sight.position_m[0] for sight in sights]), asked, np.array(reckoned))
 
     def _reckoned(self, started_s: float) -> Vector:
@@ -158,22 +173,43 @@ class WallFlights:
         moved: Vector = np.linalg.norm(np.array(places) - places[0], axis=1)
         return moved
 
-    def _back(self, side: Vector) -> None:
-        duration = max(3.0, _PEAK_SPEED * self._far_m / RETURN_M_S)
-        path = legs(-side, [0.0, self._far_m], [duration])
+    def _back(self, side: Vector, start_m: Vector) -> None:
+        far_m = float((self._drone_pose().position_enu_m - start_m) @ side)
+        duration = max(3.0, _PEAK_SPEED * abs(far_m) / RETURN_M_S)
+        path = legs(-side, [0.0, far_m], [duration])
         self._loop.fly(self._drone.fly(path))
-        for _ in self._loop.until_done(path.duration_s + ORDER_TIMEOUT_S):
+        self._finish(path.duration_s + ORDER_TIMEOUT_S)
+
+    def _finish(self, timeout_s: float) -> None:
+        """Until the order is done and there are pictures; none are needed meanwhile."""
+        for _ in self._patiently(lambda: self._loop.until_done(timeout_s)):
             pass
 
+    def _patiently(self, frames: Callable[[], Iterator[Frame]]) -> Iterator[Frame]:
+        """Frames of the loop, begun anew where the video stood still.
+
+        Raises:
+            VideoError: it does so all the time.
+            SidestepError: what else `FlightLoop.frames` raises.
+        """
+        for left in reversed(range(PATIENCE)):
+            try:
+                yield from frames()
+                return
+            except VideoError:
+                if left == 0:
+                    raise
+
     def _drone_pose(self) -> Pose:
-        """The newest.
+        """The newest, waited for where there was a gap.
 
         Raises:
             FlightEnded: there is none.
         """
-        now = self._clock()
-        for back_s in (0.05, 0.1, 0.2, 0.4):
-            pose = self._drone.pose_at(now - back_s)
-            if pose is not None:
-                return pose
+        for _ in chain((None,), self._patiently(lambda: self._loop.frames(POSE_WAIT_S))):
+            now = self._clock()
+            for back_s in (0.05, 0.1, 0.2, 0.4):
+                pose = self._drone.pose_at(now - back_s)
+                if pose is not None:
+                    return pose
         raise FlightEnded("the aircraft does not tell where it is", "Check the link.")

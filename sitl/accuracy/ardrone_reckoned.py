@@ -1,12 +1,13 @@
 """What the AR.Drone's own errors cost, without pictures or real time: the twelve rows many times over.
 
-    python -m sitl.accuracy.ardrone_reckoned [--noise good] [--flights 8]
+    python -m sitl.accuracy.ardrone_reckoned [--noise good] [--flights 8] [--scale-percent 0]
 
 Each flight follows its pattern exactly; the person is the scenario's, walking evenly from the first image on. What is
 drawn are the aircraft's sensors (`sitl.ardrone.sensors`, integrated as `mission.drones.ardrone.reckoning` does) and the
-errors of the tracker. Every set of sightings is estimated three times: as the aircraft reckoned, with perfect dead
-reckoning, and as reckoned by the formula of Kim & Yow 2015 for the row's class. No renderer, no wire: it tells what the
-aircraft allows, not what a flight gets.
+errors of the tracker. Every set of sightings is estimated four times: as the aircraft reckoned, with the path's shape
+by the background as the mission does it (`sitl.accuracy.ardrone_steadied`), with perfect dead reckoning, and as
+reckoned by the formula of Kim & Yow 2015 for the row's class. No renderer, no wire: it tells what the aircraft allows,
+not what a flight gets.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from mission.settings import PatternSettings
 from mission.track.noise import PIXEL_CORRELATION_S, SIZE_CORRELATION_S, pixel_sigma_px, size_sigma
 from mission.video.square import square_camera
 from sitl.accuracy.ardrone import ARDRONE_ROWS, ArdroneRow, paper_images
+from sitl.accuracy.ardrone_steadied import steadied
 from sitl.accuracy.ardrone_truth import of_truth
 from sitl.ardrone.sensors import PRESETS, SensorNoise, Sensors
 from sitl.camera.airframe import body_from_camera
@@ -53,9 +55,22 @@ _WALKED_S = 1.0
 class Reckoned:
     """Depth errors of one flight, percent; NaN where there is no answer."""
 
-    batch: float
+    reckoned: float
+    steadied: float
     undrifted: float
     formula: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drawn:
+    """One flight's n sightings."""
+
+    told: FlightSightings
+    """As reckoned."""
+    true: FlightSightings
+    """The same pixels, with the true poses."""
+    depth_m: tuple[float, ...]
+    """(n), the target's true distance from the first place."""
 
 
 def fly_reckoned(row: ArdroneRow, noise: SensorNoise, rng: np.random.Generator) -> Reckoned:
@@ -66,18 +81,21 @@ def fly_reckoned(row: ArdroneRow, noise: SensorNoise, rng: np.random.Generator) 
         noise: sizes of the aircraft's errors.
         rng: draws them and the tracker's.
     """
-    told, true, depths = _seen(row, PatternSettings(), noise, rng)
-    batch = _error("batch", supported(told, steadied=True), depths[0])
-    undrifted = _error("batch", supported(true, steadied=True), depths[0])
-    told, _, depths = _seen(row, PatternSettings(kind="paper"), noise, rng)
+    drawn = _drawn(row, PatternSettings(), noise, rng)
+    told, true, depth = drawn.told, drawn.true, drawn.depth_m[0]
+    reckoned = _error("batch", supported(told, steadied=False), depth)
+    by_background = steadied(told, true)
+    held = _error("batch", supported(by_background, steadied=True), depth)
+    undrifted = _error("batch", supported(true, steadied=True), depth)
+    drawn = _drawn(row, PatternSettings(kind="paper"), noise, rng)
     try:
-        images = paper_images(told)
+        images = paper_images(drawn.told)
     except EstimateRefused:
-        return Reckoned(batch, undrifted, math.nan)
-    last = told.sightings.index(images.sightings[-1])
+        return Reckoned(reckoned, held, undrifted, math.nan)
+    last = drawn.told.sightings.index(images.sightings[-1])
     formula = "three-image" if row.motion == "parallel" else "stereo"
-    truth = depths[last] if row.motion == "perpendicular" else depths[0]
-    return Reckoned(batch, undrifted, _error(formula, images, truth))
+    truth = drawn.depth_m[last if row.motion == "perpendicular" else 0]
+    return Reckoned(reckoned, held, undrifted, _error(formula, images, truth))
 
 
 def _error(name: str, flight: FlightSightings, depth_m: float) -> float:
@@ -87,10 +105,7 @@ def _error(name: str, flight: FlightSightings, depth_m: float) -> float:
         return math.nan
 
 
-def _seen(
-    row: ArdroneRow, pattern: PatternSettings, noise: SensorNoise, rng: np.random.Generator
-) -> tuple[FlightSightings, FlightSightings, list[float]]:
-    """The sightings as reckoned and as truly seen, and the target's distance from the first place at each of them."""
+def _drawn(row: ArdroneRow, pattern: PatternSettings, noise: SensorNoise, rng: np.random.Generator) -> _Drawn:
     scenario = read_scenario(row.scenario)
     scenario = scenario.model_copy(update={"seed": int(rng.integers(2**31))})
     world, camera = World(scenario), square_camera(camera_of(scenario))
@@ -149,11 +164,12 @@ def _seen(
         pixel_correlation_s=PIXEL_CORRELATION_S,
         size_correlation_s=SIZE_CORRELATION_S,
     )
-    flights = [
-        FlightSightings("reckoned", GeodeticOrigin(0.0, 0.0, 0.0), lens, tuple(seen), camera.widen(said))
-        for seen, said in ((told, stated), (true, of_truth(stated)))
-    ]
-    return flights[0], flights[1], depths
+    origin, widened = GeodeticOrigin(0.0, 0.0, 0.0), camera.widen(stated)
+    return _Drawn(
+        FlightSightings("reckoned", origin, lens, tuple(told), widened),
+        FlightSightings("true", origin, lens, tuple(true), camera.widen(of_truth(stated))),
+        tuple(depths),
+    )
 
 
 def _enu(ned: Vector) -> Vector:
@@ -189,9 +205,12 @@ def main(
     noise: Annotated[str, typer.Option(help="good, rough or none.")] = "good",
     count: Annotated[int, typer.Option("--flights", help="Of each row.")] = 8,
     seed: int = 1,
+    scale_percent: Annotated[float | None, typer.Option(help="Of the flow, instead of the preset's.")] = None,
 ) -> None:
-    """Print each row's median and worst depth errors."""
+    """Print the median, 95th percentile and worst depth error of each row and of all."""
     chosen = next(preset for name, preset in PRESETS.items() if name == noise)
+    if scale_percent is not None:
+        chosen = replace(chosen, flow_scale=scale_percent / 100.0)
     everything: list[Reckoned] = []
     for row, flown in flights(chosen, count, seed):
         everything += flown
@@ -201,10 +220,12 @@ def main(
 
 def _line(flown: list[Reckoned]) -> str:
     parts = []
-    for name in ("batch", "undrifted", "formula"):
+    for name in ("reckoned", "steadied", "undrifted", "formula"):
         errors = np.array([getattr(one, name) for one in flown])
         known = errors[np.isfinite(errors)]
-        said = f"{np.median(known):5.1f} {known.max():6.1f}" if len(known) else "    -      -"
+        said = "    -      -      -"
+        if len(known):
+            said = f"{np.median(known):5.1f} {np.percentile(known, 95.0):6.1f} {known.max():6.1f}"
         parts.append(f"{name} {said} ({len(known)}/{len(errors)})")
     return "   ".join(parts)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,19 +14,21 @@ import sitl
 from sitl.run import locate, scored
 from sitl.scenario import read_scenario
 from sitl.simulation import Simulation, simulation
+from tests.soak.conftest import Note
 
 BAD_WIFI = Path(sitl.__file__).parent / "scenarios" / "ardrone-faults" / "bad-wifi.toml"
 REASONS = (
-    "lost while",
-    "no longer received",
-    "no picture",
-    "no person found",
-    "nobody to follow",
-    "was not done within",
-    "not determined",
-    "link",
+    r"the target was lost while turning to it",
+    r"the autopilot's position is no longer received; holding",
+    r"The distance is not determined: .+",
+    r"The sightings do not determine a position",
 )
-"""What a mission may end with on such a link; anything else is a fault of the program."""
+"""What a mission may end with on such a link, in full; anything else is a fault of the program, and so is one that
+cannot connect or is refused. The video has TCP to mend its own losses, so it is no excuse either."""
+STARVED = (r"the program was silent for [\d.]+ s; holding", r"no picture for 1 s")
+"""Ends that a machine without time to spare brings about by itself, whatever the link: the mission is flown again."""
+ATTEMPTS = 3
+SEEDS = (302, 1302, 2302)
 
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(600)]
@@ -47,14 +51,22 @@ def _hovers(running: Simulation) -> bool:
     return bool(last[-1].position_enu_m[2] > 0.5 and moved < 0.5)
 
 
-def test_the_mission_completes_or_ends_in_hover_with_a_clear_reason(tmp_path: Path) -> None:
-    with simulation(read_scenario(BAD_WIFI), tmp_path) as running:
-        code, said = locate(running, ["--take-off", "1.0"])
-        result = scored(running, tmp_path, code, said)
-        assert comes_to_hover(running), result.error
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_mission_completes_or_ends_in_hover_with_a_clear_reason(seed: int, tmp_path: Path, note: Note) -> None:
+    scenario = read_scenario(BAD_WIFI).model_copy(update={"seed": seed})
+    for attempt in range(ATTEMPTS):
+        with simulation(scenario, tmp_path / f"{attempt}") as running:
+            code, said = locate(running, ["--take-off", "1.0"])
+            result = scored(running, tmp_path / f"{attempt}", code, said)
+            assert comes_to_hover(running), result.error
+        if not any(re.fullmatch(reason, result.error) for reason in STARVED):
+            break
+        warnings.warn(f"flown again, since the machine had no time: {result.error}", stacklevel=1)
     if result.score is None:
-        assert code != 0
-        assert any(words in result.error for words in REASONS), result.error
+        note(f"AR.Drone on bad Wi-Fi, seed {seed}, hovers: {result.error}", [])
+        assert code == 1
+        assert any(re.fullmatch(reason, result.error) for reason in REASONS), result.error
     else:
+        note(f"AR.Drone on bad Wi-Fi, seed {seed}: depth error (%)", [result.score.depth_error_pct])
         assert code == 0
         assert result.score.depth_error_pct < 30.0

@@ -15,13 +15,15 @@ STANDING, PARALLEL = ARDRONE_ROWS[1], ARDRONE_ROWS[9]
 
 def test_an_aircraft_without_errors_is_as_good_as_the_truth() -> None:
     flown = fly_reckoned(STANDING, PRESETS["none"], np.random.default_rng(1))
-    assert flown.batch < 2.5
+    assert flown.reckoned < 2.5
+    assert flown.steadied < 2.5
     assert flown.undrifted < 2.5
 
 
 def test_the_aircraft_s_errors_cost_more_than_the_tracker_s() -> None:
     flown = fly_reckoned(STANDING, PRESETS["rough"], np.random.default_rng(1))
-    assert flown.batch > 2.0 * flown.undrifted
+    assert flown.reckoned > 2.0 * flown.undrifted
+    assert flown.steadied > 2.0 * flown.undrifted
 
 
 def test_the_formula_is_asked_about_the_walk_that_it_is_for() -> None:
