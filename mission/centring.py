@@ -109,13 +109,13 @@ class Centring:
         self._measured()
         return None
 
-    def _measured(self) -> bool:
-        """Take the offset if it can be told by now."""
+    def _measured(self, *, last: bool = False) -> bool:
+        """Take the offset if it can be told well enough by now; if at all where nothing more is flown for it."""
         if self._meter is None:
             return False
         meter = self._meter
         offset = self._loop.meanwhile(lambda: meter.measure(self._drone.pose_at))
-        if offset is None:
+        if offset is None or not (offset.settled or last):
             return False
         self._offset, self._meter = offset, None
         self._pointing.trust(offset.offset_s)
@@ -126,8 +126,8 @@ class Centring:
 
     def _give_up(self) -> None:
         """Take the offset or say why it cannot be told; either way go on with what there is."""
-        if self._meter is None or self._measured():
+        if self._meter is None or self._measured(last=True):
             return
-        self._watcher.stage(Stage.CENTRE, f"{self._meter.reason}; the camera's latency is used as it is")
+        self._watcher.stage(Stage.CENTRE, f"{self._meter.reason}; the pattern may tell")
         self._meter = None
         self._pointing.trust(0.0)

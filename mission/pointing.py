@@ -8,14 +8,14 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mission.aim import LOOK_AHEAD_S, Aim, presumed_range, wrapped
+from mission.aim import LOOK_AHEAD_S, PRESUMED_HEIGHT_M, Aim, presumed_range, wrapped
 from mission.camera.background import Turn
 from mission.camera.camera import Camera
 from mission.camera.model import CameraModel
 from mission.drones.drone import Drone
 from mission.pose import Pose
 from mission.records import Box, Frame, Vector
-from mission.sighting import azimuth_of, camera_position, roll_of, rotation_shift
+from mission.sighting import azimuth_of, camera_position, roll_of, rotation_shift, world_from_camera
 from mission.track import Track
 
 
@@ -26,8 +26,17 @@ class TargetTracker(Protocol):
         """The target is in this box."""
         ...
 
-    def update(self, frame: Frame, shift_px: tuple[float, float] = (0.0, 0.0), roll_rad: float = 0.0) -> Track:
-        """Where it is in the next frame; `shift_px` is the image motion that the camera's rotation explains."""
+    def update(
+        self,
+        frame: Frame,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        roll_rad: float = 0.0,
+        passed: tuple[float, float] = (0.0, 0.0),
+    ) -> Track:
+        """Where it is in the next frame; the camera's rotation moved it by `shift_px`, its travel by `passed` heights.
+
+        Both are image motion since the last frame that the camera's own motion explains.
+        """
         ...
 
 
@@ -62,7 +71,7 @@ class Pointing:
         """
         pose = self._drone.pose_at(frame.t_s - self.offset_s)
         self.roll_rad = 0.0 if pose is None else roll_of(pose, self._camera)
-        track = self._tracker.update(frame, self._shift(pose, turn), self.roll_rad)
+        track = self._tracker.update(frame, self._shift(pose, turn), self.roll_rad, self._passed(pose))
         if track.state == "tracking":
             self._pixel = track.pixel
         if pose is not None:
@@ -119,6 +128,17 @@ class Pointing:
         if self._pose is None:
             return None
         return camera_position(self._pose, self._camera) + self._pose.velocity_enu_m_s * (t_s - self._pose.t_s)
+
+    def _passed(self, pose: Pose | None) -> tuple[float, float]:
+        """How far the camera's travel moved somebody of ordinary height in the picture, in their own heights."""
+        if pose is None or self._pose is None:
+            return 0.0, 0.0
+        # Not the difference of the positions: they jump where the autopilot's filter is reset.
+        travel = 0.5 * (self._pose.velocity_enu_m_s + pose.velocity_enu_m_s) * (pose.t_s - self._pose.t_s)
+        right, down, ahead = (world_from_camera(pose, self._camera).inv().apply(travel) / PRESUMED_HEIGHT_M).tolist()
+        lens = self._camera.intrinsics
+        x, y = (self._pixel[0] - lens.cx) / lens.fx, (self._pixel[1] - lens.cy) / lens.fy
+        return x * ahead - right, y * ahead - down
 
     def _shift(self, pose: Pose | None, turn: Turn | None) -> tuple[float, float]:
         if turn is not None:

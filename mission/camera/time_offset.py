@@ -1,8 +1,8 @@
-"""The offset between video time and telemetry time, from a yaw movement that both have seen.
+"""The offset between video time and telemetry time, from a movement that both have seen.
 
 The background of the picture shows how far the camera turned between two frames; the attitude reports say the same with
-their own time stamps. The shift that makes both agree best is the offset. It needs a turn that starts, stops or changes
-its rate: a steady turn looks the same at every shift.
+their own time stamps. The shift that makes both agree best is the offset, the same for heading, roll and pitch, each
+with noise of its own. It needs a turn that starts, stops or changes its rate: a steady one is the same at every shift.
 """
 
 from __future__ import annotations
@@ -16,18 +16,25 @@ import numpy as np
 
 from mission.camera.background import BackgroundRotation, Turn
 from mission.camera.camera import Camera
-from mission.camera.rate_match import RateMatch, ReportedRotation
+from mission.camera.rate_match import RateMatch, best_offset
+from mission.camera.reported_rotation import ReportedRotation
 from mission.pose import Pose
 from mission.records import Frame, Vector
 
 _MAX_GAP_S = 0.25
 _MIN_PAIRS = 12
-_MIN_TURN_RAD = math.radians(6.0)
-_MIN_UNSTEADY_RAD = math.radians(2.0)
+_MOST_PAIRS = 240
+"""Newest ones that are compared: a pattern and what comes before it. The time that it takes grows with their cube."""
+_MIN_TURN_RAD = math.radians(3.0)
+_MIN_UNSTEADY_RAD = math.radians(1.5)
 _MIN_CORRELATION = 0.8
 _GAIN = (0.6, 1.6)
 _MAX_SIGMA_S = 0.03
+_SETTLED_S = 0.010
+_FLOOR_SIGMA_S = 0.001
 _EDGE_S = 0.01
+_YAW, _ROLL, _PITCH = 2, 0, 1
+"""Rows of body_from_camera: about which of the body's axes (down, forward, right) a camera turned."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +48,11 @@ class TimeOffset:
     """How far the aircraft turned to and fro while this was measured."""
     gain: float
     """Turn seen in the picture over turn reported; 1 with the right focal length."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether it is known well enough to look for no better one."""
+        return self.sigma_s <= _SETTLED_S
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,24 +121,33 @@ class TimeOffsetMeter:
         if len(self._pairs) < _MIN_PAIRS:
             return "too few frames with enough background were seen"
         low, high = self._search_s
-        spans = np.array([(pair.from_s, pair.to_s) for pair in self._pairs])
-        seen = np.array([pair.rotation_vector for pair in self._pairs])
+        pairs = list(self._pairs)[-_MOST_PAIRS:]
+        spans = np.array([(pair.from_s, pair.to_s) for pair in pairs])
+        seen = np.array([pair.rotation_vector for pair in pairs])
         reported = ReportedRotation.collect(pose_at, self._camera, spans[0, 0] - high, spans[-1, 1] - low)
         known = reported.known(spans - low) & reported.known(spans - high)
         if np.count_nonzero(known) < _MIN_PAIRS:
             return "too little telemetry covers the frames"
-        axis = int(np.argmax(np.ptp(reported.angle_rad, axis=0)))
-        shutter_s = np.array([pair.shutter_s[axis] for pair in self._pairs])
-        spans, seen = (spans + shutter_s[:, None])[known], seen[known]
-        rates = RateMatch(spans, seen[:, axis], lambda shifted: reported.turn(shifted)[:, axis])
-        offset_s = rates.best_offset(low, high)
+        spans, seen = spans[known], seen[known]
+        shutter_s = np.array([pair.shutter_s for pair in pairs])[known]
+        body = self._camera.mounting.body_from_camera.as_matrix()
+
+        def match(axis: Vector) -> RateMatch:
+            exposed = spans + (shutter_s @ np.square(axis))[:, None]
+            return RateMatch(exposed, seen @ axis, lambda shifted: reported.turn(shifted) @ axis)
+
+        matches = [match(body[row]) for row in (_YAW, _ROLL, _PITCH)]
+        rates, offset_s = matches[0], best_offset(matches, low, high)
         turned_rad = rates.turned_rad(offset_s)
         if turned_rad < _MIN_TURN_RAD:
             turned, needed = math.degrees(turned_rad), math.degrees(_MIN_TURN_RAD)
             return f"the aircraft turned by only {turned:.1f} deg; it takes {needed:.0f}"
         if rates.unsteady_rad(offset_s) < _MIN_UNSTEADY_RAD:
             return "the turn was too steady: it must begin, end or change while it is watched"
-        gain, correlation, sigma_s = rates.quality(offset_s)
+        agreements = [match.agreement(offset_s) for match in matches]
+        gain, correlation = agreements[0].gain, agreements[0].correlation
+        told = sum(1.0 / max(axis.sigma_s, _FLOOR_SIGMA_S) ** 2 for axis in agreements)
+        sigma_s = math.hypot(1.0 / math.sqrt(told), _FLOOR_SIGMA_S)
         if correlation < _MIN_CORRELATION or not _GAIN[0] < gain < _GAIN[1]:
             return (
                 f"the picture does not turn as the telemetry says (correlation {correlation:.2f}, ratio {gain:.2f}): "

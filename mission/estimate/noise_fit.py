@@ -17,7 +17,7 @@ camera's path does no harm (see `range_profile.py`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,11 +71,16 @@ _FACTORS = (
     _Factor(0.0, 0.0, 0.4),  # pixel
     _Factor(0.0, 0.0, 0.4),  # size
 )
+_STEADIED = (_Factor(0.0, 0.0, 1.0), *_FACTORS[1:])
+"""The same of poses by the background: how restless autopilots are says nothing about their headings, and the bundle
+knows about how well it did. Where the sightings do not tell (somebody comes nearer along the line of sight) an
+autopilot's restlessness came back here, ten times what is stated, and the distance was left to the size. The spread
+stays wide, for backgrounds that are not what they seem."""
 _REACH = math.log(20.0)
 """Natural logarithm of the largest factor."""
 
 
-def fit_noise(flight: FlightSightings) -> NoiseModel:
+def fit_noise(flight: FlightSightings, *, steadied: bool = False) -> NoiseModel:
     """The noise model, its sigmas scaled to what the flight shows; correlation times and biases stay.
 
     Where the flight does not determine a position the stated model comes back, since there is nothing to compare with.
@@ -83,20 +88,22 @@ def fit_noise(flight: FlightSightings) -> NoiseModel:
     Args:
         flight: the sightings with the stated noise model. Sigmas of single sightings keep their ratios: scale them with
             `rescaled`.
+        steadied: whether the poses come from the background.
     """
+    factors = _STEADIED if steadied else _FACTORS
     stated = flight.noise
     flight = replace(flight, noise=tamed_noise(stated), prior=tamed_prior(flight.prior))
     seen = observe(flight)
     if len(seen.t_s) < 3:
         return stated
     # From between the good and the bad, so that neither looks like a flight full of wrong sightings.
-    log_factors = _expected(_FACTORS[0].middle)
+    log_factors = _expected(factors, factors[0].middle)
     rate = _PATTERN_RATE / max(float(seen.t_s[-1]), 1e-3)
     try:
         for _ in range(_ROUNDS):
             current = rescaled(flight, _scaled(flight.noise, log_factors, rate))
             model, minimum = most_probable(current, observe(current))
-            log_factors = _fitted(_likelihood(flight, model, minimum), log_factors)
+            log_factors = _fitted(_likelihood(flight, model, minimum), log_factors, factors)
     except (EstimateRefused, NotPositiveDefinite, np.linalg.LinAlgError):
         return stated
     return _scaled(flight.noise, log_factors, rate)
@@ -128,7 +135,7 @@ def supported(flight: FlightSightings, *, steadied: bool) -> FlightSightings:
         flight: the sightings with the stated noise.
         steadied: whether the poses come from the background; the aircraft's own err smoothly (`white_equivalent.py`).
     """
-    found = rescaled(flight, no_better(fit_noise(flight), flight.noise))
+    found = rescaled(flight, no_better(fit_noise(flight, steadied=steadied), flight.noise))
     return found if steadied else white_equivalent(found)
 
 
@@ -175,12 +182,9 @@ def _scaled(noise: NoiseModel, log_factors: Vector, rate_rad_s: float) -> NoiseM
     )
 
 
-def _expected(log_heading: float) -> Vector:
+def _expected(factors: Sequence[_Factor], log_heading: float) -> Vector:
     """Most likely logarithms of the factors beforehand, given the heading's."""
-    return np.array([factor.middle + factor.with_heading * log_heading for factor in _FACTORS])
-
-
-_SPREADS = np.array([factor.spread for factor in _FACTORS])
+    return np.array([factor.middle + factor.with_heading * log_heading for factor in factors])
 
 
 def _likelihood(flight: FlightSightings, model: JointModel, minimum: Minimum) -> SmoothLikelihood:
@@ -199,24 +203,25 @@ def _likelihood(flight: FlightSightings, model: JointModel, minimum: Minimum) ->
     return SmoothLikelihood(plain, at, np.arange(0, plain.count, stride))
 
 
-def _fitted(likelihood: SmoothLikelihood, now: Vector) -> Vector:
+def _fitted(likelihood: SmoothLikelihood, now: Vector, factors: Sequence[_Factor]) -> Vector:
     """Logarithms of the factors with the largest posterior, one after another, a few times around."""
+    spreads = np.array([factor.spread for factor in factors])
 
     def posterior(log_factors: Vector) -> float:
-        surprise = (log_factors - _expected(float(log_factors[0]))) / _SPREADS
+        surprise = (log_factors - _expected(factors, float(log_factors[0]))) / spreads
         return likelihood(log_factors) + float(surprise @ surprise)
 
     best = now.copy()
     value = posterior(best)
     reach = 0.7
     for _ in range(_SWEEPS):
-        for place in range(len(_FACTORS)):
+        for place in range(len(factors)):
             value = _along(posterior, best, place, reach, value)
         reach *= 0.5
-    return best + _uncertainty(posterior, best, value)
+    return best + _uncertainty(posterior, best, value, spreads)
 
 
-def _uncertainty(posterior: Callable[[Vector], float], best: Vector, value: float) -> Vector:
+def _uncertainty(posterior: Callable[[Vector], float], best: Vector, value: float, spreads: Vector) -> Vector:
     """Variances of the logarithms.
 
     A covariance is to hold on average over what the factors may be: the mean of f^2 over a log-normal posterior is that
@@ -228,7 +233,7 @@ def _uncertainty(posterior: Callable[[Vector], float], best: Vector, value: floa
         offset[place] = _REACH_OF_CURVATURE
         curvature = posterior(best + offset) - 2.0 * value + posterior(best - offset)
         variances[place] = 2.0 * _REACH_OF_CURVATURE**2 / curvature if curvature > 0.0 else math.inf
-    return np.asarray(np.minimum(variances, _SPREADS**2))
+    return np.asarray(np.minimum(variances, spreads**2))
 
 
 def _along(likelihood: Callable[[Vector], float], best: Vector, place: int, reach: float, value: float) -> float:

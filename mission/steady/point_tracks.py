@@ -23,6 +23,7 @@ from mission.records import Box, CameraIntrinsics, Frame, Image, Matrix
 from mission.steady.refind import Album
 
 _WORK_WIDTH_PX = 320
+"""At least: at 284 of an AR.Drone's 853 the heading came out half as well as at 426."""
 _CELL_PX = 30
 """Side of a grid cell, work pixels."""
 _WINDOW = (15, 15)
@@ -77,7 +78,7 @@ class PointTracker:
     """
 
     def __init__(self, intrinsics: CameraIntrinsics) -> None:
-        self.scale = max(1, round(intrinsics.width_px / _WORK_WIDTH_PX))
+        self.scale = max(1, intrinsics.width_px // _WORK_WIDTH_PX)
         """Picture pixels per work pixel."""
         self._size = intrinsics.width_px // self.scale, intrinsics.height_px // self.scale
         self.frames: list[TrackedFrame] = []

@@ -71,7 +71,7 @@ class Reports:
 
     cameras: Cameras
     way_m: Matrix
-    """(k, 3): the reported velocity summed up since the first time."""
+    """(k, 3): the lens's way since the first time, the reported velocity summed up."""
 
     @classmethod
     def collect(
@@ -110,11 +110,12 @@ class Reports:
             (position[2::3] - position[::3]) / span[:, None],
         )
         speed = np.array([now.velocity_enu_m_s for now in poses[1::3]])
-        way = np.zeros(shape)
+        # The lens also goes about the aircraft where that turns, which is no part of the reported velocity.
+        arm = cameras.position_m - np.array([now.position_enu_m for now in poses[1::3]])
+        way = arm - arm[0]
         if len(kept) > 1:
             steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(cameras.t_s)[:, None]
-            way[1:] = np.cumsum(steps, axis=0)
-            # The lever arm turns with the aircraft and is no part of the reported velocity.
+            way[1:] += np.cumsum(steps, axis=0)
         return cls(cameras, way), places
 
     def only(self, places: NDArray[np.intp]) -> Reports:

@@ -9,7 +9,7 @@ import numpy as np
 from mission.detect.hog import BodyCentre, WindowedHog
 from mission.detect.nanodet import NanoDet, WindowedNanoDet
 from mission.detect.window import Window, cut_window
-from mission.records import Box, Image
+from mission.records import Box, Image, Vector
 
 _EDGE = 0.06
 """A box that comes this close to the edge of the picture, in body heights, may be cut off by it."""
@@ -56,6 +56,14 @@ class Extent:
         if self.feet_visible:
             return float(self.bottom[0] - along[0]), float(self.bottom[1] - along[1])
         return None
+
+
+def away(body: Extent, expected: Vector, height_px: float, roll_rad: float) -> float:
+    """How far a body's middle is from where it is expected, pixels; sideways only where its ends are not seen."""
+    middle = body.middle(height_px, roll_rad)
+    if middle is None:
+        return abs(body.centre[0] - float(expected[0]))
+    return float(np.hypot(*np.subtract(middle, expected)))
 
 
 class Eyes:

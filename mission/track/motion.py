@@ -7,17 +7,17 @@ import numpy as np
 from mission.records import Vector
 from mission.track.drift import DriftFilter
 
-_SPEED_SIGMA = 0.6
-"""Body heights per second: drone and person passing each other."""
+_SPEED_SIGMA = 0.3
+"""Body heights per second: walking, and the camera's travel told wrongly."""
 _LOG_HEIGHT_RATE_SIGMA = 0.15
 """Per second: passing a person at 3 m with 1.6 m/s gives 0.24."""
-_RATE_S = 1.0
+_RATE_S = 4.0
 
 
 class Motion:
     """Place and size of the body.
 
-    Velocities are those that the camera's own rotation does not explain.
+    Velocities are those that the camera's own motion does not explain.
 
     Args:
         pixel: the body's centre.
@@ -51,16 +51,17 @@ class Motion:
         """Of the log of the height, if the measurements' errors were white."""
         return self._size.sigma
 
-    def predict(self, dt_s: float, shift_px: tuple[float, float]) -> None:
+    def predict(self, dt_s: float, shift_px: tuple[float, float], passed: tuple[float, float] = (0.0, 0.0)) -> None:
         """To the time of the next frame.
 
         Args:
             dt_s: time since the last one.
             shift_px: how far the camera's own rotation moved the picture.
+            passed: how far its travel moved the person, body heights.
         """
-        speed = _SPEED_SIGMA * self.height_px
-        for axis, shift in zip(self._place, shift_px, strict=True):
-            axis.predict(dt_s, speed, shift)
+        height = self.height_px
+        for axis, turned, travelled in zip(self._place, shift_px, passed, strict=True):
+            axis.predict(dt_s, _SPEED_SIGMA * height, turned + travelled * height)
         self._size.predict(dt_s, _LOG_HEIGHT_RATE_SIGMA)
 
     def vanish(self) -> None:

@@ -22,9 +22,10 @@ from mission.errors import DetectionError
 from mission.records import Box, Frame, Image, Vector
 from mission.track import noise
 from mission.track.appearance import colours, likeness
-from mission.track.measure import Extent, Eyes
+from mission.track.measure import Extent, Eyes, away
+from mission.track.meeting import may_be_taken_for, seen_again, told_apart
 from mission.track.motion import Motion
-from mission.track.target import NEAR, Target, away, beside, meets, told_apart
+from mission.track.target import NEAR, Target, beside
 from mission.track.template import Template
 from mission.track.track import Track, TrackState
 
@@ -98,7 +99,13 @@ class Tracker:
         found = [body for body in found if body.score > _AS_SURE * surest]
         return max(found, key=lambda body: (body.whole, body.score))
 
-    def update(self, frame: Frame, shift_px: tuple[float, float] = (0.0, 0.0), roll_rad: float = 0.0) -> Track:
+    def update(
+        self,
+        frame: Frame,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        roll_rad: float = 0.0,
+        passed: tuple[float, float] = (0.0, 0.0),
+    ) -> Track:
         """Follow the target into the next frame.
 
         Args:
@@ -107,6 +114,8 @@ class Tracker:
                 the last frame.
             roll_rad: of the camera about its optical axis, positive with the right side down; without it, size and
                 place wander a little with the camera's roll.
+            passed: how far the camera's travel moved people since the last frame, in their own heights: who looks half
+                as tall is twice as far away, and moves half as far.
 
         Raises:
             DetectionError: `start` was not called.
@@ -117,11 +126,8 @@ class Tracker:
         if self._lost:
             return self._track(frame, target, "lost", 0.0)
         self._frames += 1
-        dt = max(frame.t_s - target.t_s, 1e-3)
         hidden = target.seen_s < target.t_s
-        for motion in (target.motion, target.earlier, target.next_earlier):
-            motion.predict(dt, shift_px)
-        target.t_s = frame.t_s
+        target.foretell(frame.t_s, shift_px, passed)
         if hidden:
             return self._look_for(frame, target, roll_rad)
         return self._follow(frame, target, roll_rad)
@@ -149,14 +155,16 @@ class Tracker:
         self._lost = False
 
     def _follow(self, frame: Frame, target: Target, roll: float) -> Track:
+        if target.other is not None and target.other.meets(target.motion, frame.t_s):
+            return self._part(frame, target)
         window = _upright(frame.image, target.motion.pixel, target.motion.height_px, roll)
         looks = [self._see_sideways, self._see_upright]
         if self._frames % 2:
             looks.reverse()
         # Where one detector does not see the target, the other may.
         agreed = any(look(frame, target, window, roll) for look in looks)
-        if target.met_s == frame.t_s:  # whoever is seen next may be the other one
-            return self._vanish(frame, target, 0.0)
+        if target.other is not None and target.other.meets(target.motion, frame.t_s):
+            return self._part(frame, target)
         if not agreed and not self._correlate(frame, target, window):
             return self._vanish(frame, target, 0.0)
         body = np.array(window.to_window(*_pair(target.motion.pixel)))
@@ -195,9 +203,10 @@ class Tracker:
         target.crowded = any(beside(b, expected, height) for b in others)
         if body is None:
             return False
-        for other in others:
-            if meets(other, expected, height) and self._alike(frame, target, other, roll) > _SAME_LOOKS:
-                target.met_s, target.met_size = frame.t_s, float(np.log(other.height_px / height))
+        others = [
+            b for b in others if may_be_taken_for(b, height) and self._alike(frame, target, b, roll) > _SAME_LOOKS
+        ]
+        target.other = seen_again(target.other, others, target.motion, frame.t_s, roll)
         stretched = body.whole and target.stretched(body, roll)
         target.cut_off = stretched or not body.whole
         middle = replace(body, feet_visible=False).middle(height, roll) if stretched else body.middle(height, roll)
@@ -233,6 +242,12 @@ class Tracker:
         target.motion = deepcopy(target.earlier)
         target.motion.vanish()
         return self._coast(frame, target, score)
+
+    def _part(self, frame: Frame, target: Target) -> Track:
+        """Somebody of the same looks is about to cover the target: whoever is seen next may be the other one."""
+        target.met_s = frame.t_s
+        target.motion.vanish()
+        return self._coast(frame, target, 0.0)
 
     def _coast(self, frame: Frame, target: Target, score: float) -> Track:
         target.returning = 0
@@ -290,8 +305,12 @@ class Tracker:
     def _after_meeting(self, frame: Frame, target: Target, bodies: list[Extent], roll: float) -> list[Extent]:
         """The target among people of its looks, or nobody while it could be either."""
         alike = [b for b in bodies if self._alike(frame, target, b, roll) > _SAME_LOOKS]
-        found = told_apart(alike, target, roll)
-        return [] if found is None else [found]
+        found = told_apart(alike, target.motion, target.other, frame.t_s, target.seen_s, roll)
+        if found is None:
+            return []
+        if target.other is not None and found.other is not None:
+            target.other.see(found.other, frame.t_s, roll)
+        return [found.target] if found.apart else []
 
     def _track(self, frame: Frame, target: Target, state: TrackState, score: float) -> Track:
         height = target.motion.height_px

@@ -12,7 +12,7 @@ from mission.detect import Confirmation, Detector, choose
 from mission.drones.drone import Drone
 from mission.errors import DetectionError
 from mission.flight_record import FlightRecord
-from mission.locate import offset_unknown
+from mission.locate import UNKNOWN_OFFSET_S, offset_uncertain
 from mission.pointing import Pointing, TargetTracker
 from mission.pose import Pose
 from mission.records import NoiseModel
@@ -48,7 +48,7 @@ class Followed:
 
     record: FlightRecord
     offset: TimeOffset | None = None
-    """As measured on the turn; None where the turn did not tell."""
+    """As measured on the turn, or where that did not tell it well enough on the pattern too; None where neither did."""
     tracked: list[Tracked] = field(default_factory=list)
     track_ms: float = 0.0
     """Processor time per frame of the pattern, for the target."""
@@ -63,12 +63,12 @@ class Followed:
         return 0.0 if self.offset is None else self.offset.offset_s
 
     def pose_noise(self, stated: NoiseModel) -> NoiseModel:
-        """The noise of the pose at a frame's time, as `mission.locate` takes it: worse where the offset is unknown.
+        """The noise of the pose at a frame's time, as `mission.locate` takes it: worse where the offset is uncertain.
 
         Args:
             stated: of the aircraft.
         """
-        return offset_unknown(stated) if self.offset is None else stated
+        return offset_uncertain(stated, UNKNOWN_OFFSET_S if self.offset is None else self.offset.sigma_s)
 
     @property
     def share(self) -> float:
@@ -121,6 +121,8 @@ def follow(
             asked_s = time.process_time()
         track = pointing.follow(frame)
         record.add(frame, track, pointing.roll_rad)
+        if followed.offset is None or not followed.offset.settled:
+            meter.add(frame)
         spent_s = time.process_time() - asked_s
         mission_s += spent_s
         followed.track_ms += 1e3 * spent_s
@@ -129,6 +131,10 @@ def follow(
             look(moment)
         if track.state == "lost":
             break
+    if followed.offset is None or not followed.offset.settled:
+        better = meter.measure(flight.pose_at)
+        if better is not None and (followed.offset is None or better.sigma_s < followed.offset.sigma_s):
+            followed.offset = better
     followed.track_ms /= max(1, len(followed.tracked))
     followed.steady_ms /= max(1, len(followed.tracked))
     followed.render_ms = 1e3 * (time.process_time() - began_s - mission_s) / max(1, frames)

@@ -206,7 +206,13 @@ class Sight:
 
     def start(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> None: ...
 
-    def update(self, frame: Frame, shift_px: tuple[float, float] = (0.0, 0.0), roll_rad: float = 0.0) -> Track:
+    def update(
+        self,
+        frame: Frame,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        roll_rad: float = 0.0,
+        passed: tuple[float, float] = (0.0, 0.0),
+    ) -> Track:
         seen = self._seen(frame.t_s)
         if seen is None or frame.t_s >= self.gone_from_s:
             nowhere = Box(0.0, 0.0, 1.0, 1.0)

@@ -82,6 +82,19 @@ def test_a_steady_turn_says_nothing_about_time() -> None:
     assert found is not None or "steady" in meter.reason
 
 
+def test_a_target_that_is_nearly_centred_still_tells_if_uncertainly() -> None:
+    """Five degrees of turn, and what the wind does to roll and pitch."""
+
+    def nearly(t_s: float) -> float:
+        return 0.125 * first_turn(t_s)
+
+    flight = Flight(camera(10.0, 0.02), nearly, duration_s=4.0, offset_s=0.21, seed=9)
+    found, meter = measured(flight)
+    assert found is not None, meter.reason
+    assert abs(found.offset_s - 0.21) < 3.0 * found.sigma_s
+    assert found.settled == (found.sigma_s <= 0.010)
+
+
 def test_telemetry_of_another_flight_is_refused() -> None:
     meter = TimeOffsetMeter(camera())
     for frame in Flight(camera(), wiggle, duration_s=2.0, seed=3).frames():

@@ -8,13 +8,25 @@ import numpy as np
 import pytest
 
 from mission.estimate import Batch
-from mission.estimate.noise_fit import fit_noise, rescaled
+from mission.estimate.noise_fit import fit_noise, rescaled, supported
 from mission.estimate.noise_likelihood import first_order_sigma, random_walk_intensity, smooth
 from mission.records import NoiseModel
 from sitl.accuracy.flights import Walk, out_and_back, s_pattern, simulate
 
 GOOD = replace(NoiseModel(), heading_sigma_rad=0.0038, tilt_sigma_rad=0.0015, position_walk_m_per_sqrt_s=0.025)
 ROUGH = replace(NoiseModel(), heading_sigma_rad=0.025, tilt_sigma_rad=0.010, position_walk_m_per_sqrt_s=0.11)
+
+
+STEADIED = replace(
+    NoiseModel(),
+    heading_sigma_rad=0.0027,
+    heading_bias_sigma_rad=0.0075,
+    tilt_sigma_rad=0.0006,
+    tilt_bias_sigma_rad=0.0006,
+    position_sigma_m=0.0055,
+    position_walk_m_per_sqrt_s=0.0032,
+)
+"""What the background achieves."""
 
 
 def fitted_over(noise: NoiseModel, count: int) -> tuple[list[NoiseModel], float]:
@@ -45,6 +57,21 @@ def test_a_good_pose_is_believed_and_a_rough_one_is_not() -> None:
     for name in ("heading_sigma_rad", "tilt_sigma_rad", "position_walk_m_per_sqrt_s"):
         assert middle(rough, name) > 2.0 * middle(good, name)
     assert middle(good, "heading_sigma_rad") < 0.01
+
+
+def test_what_the_background_achieved_stands_where_nothing_speaks_against_it() -> None:
+    towards = Walk(8.0, (-0.02, -0.6, 0.0))
+    for seed in range(6):
+        flight = simulate(out_and_back(), towards, np.random.default_rng(seed), noise=STEADIED).flight
+        found = supported(flight, steadied=True).noise.heading_sigma_rad / STEADIED.heading_sigma_rad
+        assert 1.0 <= found < 1.5
+        assert found < fit_noise(flight).heading_sigma_rad / STEADIED.heading_sigma_rad, "an autopilot may be restless"
+
+
+def test_a_background_that_moves_is_found_out() -> None:
+    crooked = replace(STEADIED, heading_sigma_rad=0.03)
+    flight = simulate(out_and_back(), Walk(6.0), np.random.default_rng(1), noise=crooked, told=STEADIED).flight
+    assert supported(flight, steadied=True).noise.heading_sigma_rad > 4.0 * STEADIED.heading_sigma_rad
 
 
 def test_a_sharper_and_a_coarser_detector_are_told_apart() -> None:

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mission.records import NoiseModel
+from mission.camera import Camera, Mounting
+from mission.pose import Pose, world_from_body
+from mission.records import CameraIntrinsics, NoiseModel
 from mission.steady.reports import ErrorLevels, Reports
 from mission.steady.similarity import SCALE, TURN, most_likely_similarity
 from mission.steady.wander import Wander
@@ -18,6 +20,19 @@ def reported(seed: int, *, errors: bool = True) -> tuple[Reports, np.ndarray, np
     flight = fly(street(np.random.default_rng(0), 30), np.random.default_rng(seed), errors=errors)
     turned = flight.true.rotation @ np.swapaxes(flight.reports.cameras.rotation, 1, 2)
     return flight.reports, flight.true.position_m, turned
+
+
+def test_the_lens_goes_about_an_aircraft_that_turns_on_the_spot() -> None:
+    lens = CameraIntrinsics(640, 480, 500.0, 500.0, 320.0, 240.0)
+    camera = Camera(lens, Mounting.tilted(0.0, (0.2, 0.0, 0.0)), calibrated=True)
+
+    def turning(t_s: float) -> Pose:
+        attitude = world_from_body(0.0, 0.0, 0.5 * t_s)
+        return Pose(t_s, np.array([3.0, 4.0, 1.0]), np.zeros(3), attitude, np.eye(3), np.eye(3))
+
+    reports, _ = Reports.collect(turning, camera, np.linspace(0.0, 3.0, 10))
+    assert np.linalg.norm(reports.way_m[-1]) == pytest.approx(0.4 * np.sin(0.75), abs=1e-6)
+    np.testing.assert_allclose(reports.way_m, reports.cameras.position_m - reports.cameras.position_m[0], atol=1e-9)
 
 
 def test_a_path_that_was_stretched_turned_and_moved_comes_back() -> None:

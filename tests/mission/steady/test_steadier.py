@@ -16,6 +16,7 @@ from mission.flight_record import FlightRecord
 from mission.pose import Pose
 from mission.records import Box, Frame, GeodeticOrigin, Image, Matrix, NoiseModel, TargetPrior, Vector
 from mission.steady import Steadied, Steadier
+from mission.steady.steadier import _key_frames
 from mission.track import Track
 from tests.mission.steady.worlds import ROUGH
 
@@ -180,3 +181,10 @@ def test_sightings_are_taken_from_the_steadied_poses() -> None:
     assert steady.noise.heading_sigma_rad == found.noise.heading_sigma_rad
     assert steady.noise.position_scale_sigma > 0.0
     assert plain.noise.heading_sigma_rad == ROUGH.heading_sigma_rad
+
+
+@pytest.mark.parametrize(("frames", "keys"), [(121, 30), (37, 10), (20, 8), (5, 5)])
+def test_key_frames_are_a_fifth_of_a_second_apart_and_span_the_flight(frames: int, keys: int) -> None:
+    chosen = _key_frames(np.arange(frames) / 20.0)
+    assert len(chosen) == pytest.approx(keys, abs=1)
+    assert (chosen[0], chosen[-1]) == (0, frames - 1)

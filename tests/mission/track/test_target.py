@@ -10,7 +10,7 @@ import pytest
 from mission.records import Box
 from mission.track.measure import Extent
 from mission.track.motion import Motion
-from mission.track.target import Target, meets, told_apart
+from mission.track.target import Target
 
 HEIGHT = 200.0
 PLACE = (320.0, 240.0)
@@ -78,44 +78,3 @@ def test_a_long_shadow_is_believed_to_be_the_body_at_last() -> None:
     one = target()
     one.t_s = 2.0
     assert not one.stretched(body(bottom=360.0), 0.0)
-
-
-@pytest.mark.parametrize(("aside_px", "met"), [(40.0, True), (-40.0, True), (80.0, False)])
-def test_people_meet_when_they_are_about_to_cover_each_other(aside_px: float, met: bool) -> None:
-    assert meets(body(PLACE[0] + aside_px), np.array(PLACE), HEIGHT) is met
-
-
-def test_people_of_the_same_looks_are_told_apart_by_place_or_not_at_all() -> None:
-    mine, near, far = body(PLACE[0] + 8.0), body(PLACE[0] + 30.0), body(PLACE[0] - 120.0)
-    assert told_apart([far, mine], target(), 0.0) is mine
-    assert told_apart([near, mine], target(), 0.0) is None, "they still cover each other"
-    halfway = [body(PLACE[0] - 32.0), body(PLACE[0] + 30.0)]
-    assert told_apart(halfway, target(), 0.0) is None, "it could be either"
-    gone = [far, body(PLACE[0] + 150.0)]
-    assert told_apart(gone, target(), 0.0) is None, "nobody is where the target should be"
-
-
-def test_a_foretold_place_is_believed_less_and_less() -> None:
-    mine, far = body(PLACE[0] + 8.0), body(PLACE[0] - 120.0)
-    later = target()
-    later.t_s = 1.5
-    assert told_apart([far, mine], later, 0.0) is None
-    nearer = body(PLACE[0] - 120.0, top=80.0, bottom=400.0)
-    assert told_apart([nearer, mine], later, 0.0) is mine, "a height is foretold better"
-
-
-def test_the_other_one_s_height_is_learned_from_who_cannot_be_the_target() -> None:
-    one = target()
-    mine, nearer = body(), body(top=90.0, bottom=390.0)
-    assert told_apart([mine], one, 0.0) is None
-    assert told_apart([nearer], one, 0.0) is None
-    assert told_apart([mine], one, 0.0) is mine
-
-
-def test_somebody_alone_after_a_meeting_may_hide_the_target_unless_heights_differ() -> None:
-    assert told_apart([body()], target(), 0.0) is None
-    one = target()
-    one.met_size = 0.4
-    mine = body()
-    assert told_apart([mine], one, 0.0) is mine
-    assert told_apart([body(top=90.0, bottom=390.0)], one, 0.0) is None, "the other one"

@@ -36,7 +36,13 @@ class Still:
     def start(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> None:
         self.box = box
 
-    def update(self, frame: Frame, shift_px: tuple[float, float] = (0.0, 0.0), roll_rad: float = 0.0) -> Track:
+    def update(
+        self,
+        frame: Frame,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        roll_rad: float = 0.0,
+        passed: tuple[float, float] = (0.0, 0.0),
+    ) -> Track:
         self._left -= 1
         state: TrackState = "tracking" if self._left > 0 else "lost"
         pixel = self.box.centre_px

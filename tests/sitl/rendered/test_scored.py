@@ -85,7 +85,11 @@ def test_a_time_offset_that_is_not_known_widens_the_noise(flight: RenderedFlight
     unknown = replace(followed, offset=None)
     assert unknown.offset_s == 0.0
     assert unknown.pose_noise(flight.noise).heading_sigma_rad > 5.0 * flight.noise.heading_sigma_rad
-    assert followed.pose_noise(flight.noise) == flight.noise
+    assert followed.offset is not None
+    measured = followed.pose_noise(flight.noise).heading_sigma_rad
+    assert flight.noise.heading_sigma_rad < measured < 1.1 * flight.noise.heading_sigma_rad
+    worse = replace(followed, offset=replace(followed.offset, sigma_s=0.03))
+    assert worse.pose_noise(flight.noise).heading_sigma_rad > measured
 
 
 def test_a_constant_turn_is_no_error_relative_to_the_first_frame(flight: RenderedFlight, followed: Followed) -> None:

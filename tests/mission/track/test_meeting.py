@@ -1,0 +1,118 @@
+"""People of the same looks who pass each other are told apart by where both should be by now, or not at all."""
+
+from __future__ import annotations
+
+import pytest
+
+from mission.records import Box
+from mission.track.measure import Extent
+from mission.track.meeting import Other, may_be_taken_for, seen_again, told_apart
+from mission.track.motion import Motion
+
+HEIGHT = 200.0
+X = 320.0
+FRAME_S = 0.05
+
+
+def body(x: float = X, height: float = HEIGHT, score: float = 0.8) -> Extent:
+    top, bottom = 240.0 - 0.5 * height, 240.0 + 0.5 * height
+    box = Box(x - 30.0, top, 60.0, height)
+    return Extent((x, 240.0), (x, top), (x, bottom), height, score, True, True, True, box)
+
+
+def target() -> Motion:
+    return Motion((X, 240.0), HEIGHT, 0.01, 0.03)
+
+
+def walked(first_px: float, last_px: float, frames: int = 10, height: float = HEIGHT) -> Other:
+    """Somebody seen on their way, last at 0 s."""
+    other = Other.at(body(first_px, height), -frames * FRAME_S, 0.0)
+    for k in range(1, frames + 1):
+        other.motion.predict(FRAME_S, (0.0, 0.0))
+        other.see(body(first_px + (last_px - first_px) * k / frames, height), (k - frames) * FRAME_S, 0.0)
+    return other
+
+
+def later(motion: Motion, after_s: float) -> None:
+    for _ in range(round(after_s / FRAME_S)):
+        motion.predict(FRAME_S, (0.0, 0.0))
+
+
+@pytest.mark.parametrize(("aside_px", "met"), [(40.0, True), (-40.0, True), (90.0, False)])
+def test_people_meet_when_they_are_about_to_cover_each_other(aside_px: float, met: bool) -> None:
+    assert Other.at(body(X + aside_px), 0.0, 0.0).meets(target(), 0.0) is met
+
+
+def test_somebody_who_is_seen_no_more_meets_the_target_where_they_should_be_by_now() -> None:
+    other = walked(480.0, 400.0)
+    assert not other.meets(target(), 0.0)
+    later(other.motion, 0.25)
+    assert other.meets(target(), 0.25), "two who cover each other look like one"
+    assert not other.meets(target(), 2.0), "not seen for so long: they are gone"
+
+
+def test_who_is_much_nearer_or_hardly_seen_is_not_taken_for_the_target() -> None:
+    assert may_be_taken_for(body(), HEIGHT)
+    assert not may_be_taken_for(body(height=500.0), HEIGHT)
+    assert not may_be_taken_for(body(score=0.3), HEIGHT)
+
+
+def test_the_way_of_the_nearest_other_one_is_followed() -> None:
+    assert seen_again(None, [], target(), 0.0, 0.0) is None
+    other = seen_again(None, [body(520.0), body(430.0)], target(), 0.0, 0.0)
+    assert other is not None
+    assert other.motion.pixel[0] == pytest.approx(430.0)
+    assert seen_again(other, [body(440.0)], target(), FRAME_S, 0.0) is other
+    assert 430.0 < other.motion.pixel[0] <= 440.0
+    third = seen_again(other, [body(200.0)], target(), 2 * FRAME_S, 0.0)
+    assert third is not other
+    assert third is not None
+
+
+def test_both_are_told_apart_by_place_or_not_at_all() -> None:
+    mine, far, near = body(X + 8.0), body(X - 140.0), body(X + 30.0)
+    other = walked(260.0, 180.0)
+    told = told_apart([far, mine], target(), other, 0.0, -FRAME_S, 0.0)
+    assert told is not None
+    assert (told.target, told.other, told.apart) == (mine, far, True)
+    beside = told_apart([near, mine], target(), walked(420.0, 370.0), 0.0, -FRAME_S, 0.0)
+    assert beside is None or not beside.apart, "they still cover each other"
+    assert told_apart([far, body(X + 250.0)], target(), other, 0.0, -FRAME_S, 0.0) is None, "neither is the target"
+
+
+def test_where_the_other_one_should_be_tells_what_the_target_s_place_alone_does_not() -> None:
+    mine, passer = body(X - 30.0), body(X + 46.0)
+
+    def told(other: Other) -> Extent | None:
+        expected = target()
+        later(expected, 0.6)
+        later(other.motion, 0.6)
+        found = told_apart([mine, passer], expected, other, 0.6, 0.0, 0.0)
+        return None if found is None else found.target
+
+    assert told(walked(250.0, 310.0)) is mine
+    standing = Other.at(body(X + 8.0), 0.0, 0.0)
+    assert told(standing) is None, "it could be either"
+
+
+def test_somebody_alone_may_hide_the_target_unless_the_other_one_is_elsewhere_or_of_another_height() -> None:
+    def told(other: Other, seen: Extent) -> Extent | None:
+        found = told_apart([seen], target(), other, 0.0, -FRAME_S, 0.0)
+        return None if found is None else found.target
+
+    mine = body()
+    assert told(Other.at(body(X + 12.0), 0.0, 0.0), mine) is None
+    assert told(Other.at(body(X + 120.0), 0.0, 0.0), mine) is mine
+    taller = Other.at(body(X + 12.0, height=280.0), 0.0, 0.0)
+    assert told(taller, mine) is mine
+    assert told(taller, body(height=280.0)) is None, "the other one"
+
+
+def test_a_foretold_place_is_believed_less_and_less() -> None:
+    bodies = [body(X + 15.0), body(X - 70.0)]
+    other = walked(X - 70.0, X - 70.0)
+    expected = target()
+    assert told_apart(bodies, expected, other, 0.0, -FRAME_S, 0.0) is not None
+    later(expected, 2.0)
+    later(other.motion, 2.0)
+    assert told_apart(bodies, expected, other, 2.0, 0.0, 0.0) is None
