@@ -120,12 +120,14 @@ def follow(
             pointing.trust(followed.offset_s)
             asked_s = time.process_time()
         track = pointing.follow(frame)
+        tracked_s = time.process_time()
         record.add(frame, track, pointing.roll_rad)
+        added_s = time.process_time()
         if followed.offset is None or not followed.offset.settled:
             meter.add(frame)
-        spent_s = time.process_time() - asked_s
-        mission_s += spent_s
-        followed.track_ms += 1e3 * spent_s
+        mission_s += time.process_time() - asked_s
+        followed.track_ms += 1e3 * (tracked_s - asked_s)
+        followed.steady_ms += 1e3 * (added_s - tracked_s)
         followed.tracked.append(Tracked(moment.capture_s, track, moment.target))
         if look is not None:
             look(moment)
