@@ -6,7 +6,6 @@ knows aircraft only as `Drone` and reports only to its `Watcher`.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,6 +21,7 @@ from mission.estimate import ESTIMATORS
 from mission.estimate.noise_fit import supported
 from mission.estimate.passes import Passes
 from mission.flight_loop import FlightLoop
+from mission.flight_offset import FlightOffset, offset_uncertain
 from mission.flight_record import FlightRecord
 from mission.located import Located, Stage, TargetChoice, Watcher
 from mission.pattern import fitted, lateral_path
@@ -35,10 +35,6 @@ from mission.video import VideoSource
 POSE_AGE_S = 0.2
 """A pose this old is in the buffer on both of its sides."""
 ORDER_TIMEOUT_S = 15.0
-UNKNOWN_OFFSET_S = 0.1
-"""Uncertainty of the video's delay when it could not be measured."""
-TURN_RATE_RAD_S = 0.3
-"""Of an ordinary pattern: makes a wander of the heading of a wrong delay."""
 BAD_LINK = 0.1
 """Fraction of lost packets that an operator whose target was lost should hear of."""
 LOCAL_ORIGIN = GeodeticOrigin(0.0, 0.0, 0.0)
@@ -80,8 +76,7 @@ class Locate:
         self._clock = clock
         self._loop = FlightLoop(drone, video, aborted, clock, partial(watcher.stage, Stage.HOVER))
         self._tracker = tracker
-        self._offset: TimeOffset | None = None
-        self._meter = TimeOffsetMeter(camera) if settings.video.check_offset else None
+        self._offset = FlightOffset(TimeOffsetMeter(camera) if settings.video.check_offset else None)
         self._unsaved: FlightRecord | None = None
         self._prior = TargetPrior()
         self._passes = Passes()
@@ -110,7 +105,7 @@ class Locate:
             self._hover()
             self._prior = self._settings.prior.prior(self._take_off_up_m())
             self._acquire(choice)
-            self._offset = self._centre()
+            self._offset.found = self._centre()
             located = self._estimate(self._sidestep(f"{flight_id}-1"))
             for number in range(2, self._settings.repeat + 1):
                 if located.ended:
@@ -170,19 +165,7 @@ class Locate:
         )
 
     def _centre(self) -> TimeOffset | None:
-        return Centring(self._loop, self._drone, self._pointing, self._meter, self._watcher, self._clock).run()
-
-    def _offset_wanted(self) -> bool:
-        return self._meter is not None and (self._offset is None or not self._offset.settled)
-
-    def _offset_from_pattern(self) -> None:
-        """Take the offset that the pattern's own movement tells, where the turn before it did not."""
-        if self._meter is None or not self._offset_wanted():
-            return
-        offset = self._meter.measure(self._drone.pose_at)
-        if offset is not None and (self._offset is None or offset.sigma_s < self._offset.sigma_s):
-            self._offset = offset
-            self._pointing.trust(offset.offset_s)
+        return Centring(self._loop, self._drone, self._pointing, self._offset.meter, self._watcher, self._clock).run()
 
     def _sidestep(self, flight_id: str) -> FlightRecord:
         azimuth = self._pointing.azimuth(self._clock())
@@ -206,8 +189,7 @@ class Locate:
                 track = self._pointing.follow(frame)
                 self._watcher.frame(frame, track)
                 record.add(frame, track, self._pointing.roll_rad)
-                if self._meter is not None and self._offset_wanted():
-                    self._meter.add(frame)
+                self._offset.add(frame)
                 if track.state == "lost":
                     self._watcher.stage(Stage.SIDESTEP, "the target was lost; using what was seen")
                     break
@@ -245,7 +227,8 @@ class Locate:
         return located if ended is not None or afterwards is None else replace(located, ended=afterwards.cause)
 
     def _answer(self, record: FlightRecord, last_frame_s: float) -> Located:
-        self._offset_from_pattern()
+        if self._offset.measure_again(self._drone.pose_at) and self._offset.found is not None:
+            self._pointing.trust(self._offset.found.offset_s)
         offset_s = self._pointing.offset_s
         steadied = record.steadier.solve(self._drone.pose_at, offset_s, self._pose_noise())
         flight = self._flight(record, steadied)
@@ -265,7 +248,7 @@ class Locate:
             estimate=estimate,
             comparisons=tuple(comparisons),
             geodetic=self._drone.origin is not None,
-            offset=self._offset,
+            offset=self._offset.found,
             drone_track=record.drone_track(self._drone.pose_at, self._pointing.offset_s),
             key_frames=tuple(record.key_frames),
             target_picture=record.target_picture(),
@@ -286,23 +269,8 @@ class Locate:
     def _pose_noise(self) -> NoiseModel:
         """Of the reported pose at a frame's time."""
         noise = self._drone.noise()
-        if self._offset is not None:
-            return offset_uncertain(noise, self._offset.sigma_s)
+        if self._offset.found is not None:
+            return offset_uncertain(noise, self._offset.found.sigma_s)
         if self._settings.video.latency_s is None and not self._camera.latency_s:
             return offset_uncertain(noise)
         return noise
-
-
-def offset_uncertain(noise: NoiseModel, sigma_s: float = UNKNOWN_OFFSET_S) -> NoiseModel:
-    """The noise of the pose at a frame's time when it is not known exactly how late the video is.
-
-    Args:
-        noise: of the reported pose at its own time.
-        sigma_s: standard deviation of the video's delay; when not given, of one that nobody measured.
-    """
-    turned_rad = TURN_RATE_RAD_S * sigma_s
-    return replace(
-        noise,
-        heading_sigma_rad=math.hypot(noise.heading_sigma_rad, turned_rad),
-        tilt_sigma_rad=math.hypot(noise.tilt_sigma_rad, turned_rad / 2.0),
-    )

@@ -11,8 +11,8 @@ from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
 from mission.detect import Confirmation, Detector, choose
 from mission.drones.drone import Drone
 from mission.errors import DetectionError
+from mission.flight_offset import UNKNOWN_OFFSET_S, FlightOffset, offset_uncertain
 from mission.flight_record import FlightRecord
-from mission.locate import UNKNOWN_OFFSET_S, offset_uncertain
 from mission.pointing import Pointing, TargetTracker
 from mission.pose import Pose
 from mission.records import NoiseModel
@@ -99,6 +99,7 @@ def follow(
     followed = Followed(record)
     pointing = Pointing(cast(Drone, _Watched(flight)), flight.camera, tracker, cautious=True)
     meter = TimeOffsetMeter(flight.camera)
+    offset = FlightOffset(meter)
     search = _Search(detector, tracker)
     mission_s, frames, began_s = 0.0, 0, time.process_time()
     for moment in flight.moments():
@@ -116,15 +117,14 @@ def follow(
         if not search.found:
             raise DetectionError("nobody was found before the pattern began")
         if not followed.tracked:
-            followed.offset = meter.measure(flight.pose_at)
+            offset.found = followed.offset = meter.measure(flight.pose_at)
             pointing.trust(followed.offset_s)
             asked_s = time.process_time()
         track = pointing.follow(frame)
         tracked_s = time.process_time()
         record.add(frame, track, pointing.roll_rad)
         added_s = time.process_time()
-        if followed.offset is None or not followed.offset.settled:
-            meter.add(frame)
+        offset.add(frame)
         mission_s += time.process_time() - asked_s
         followed.track_ms += 1e3 * (tracked_s - asked_s)
         followed.steady_ms += 1e3 * (added_s - tracked_s)
@@ -133,10 +133,8 @@ def follow(
             look(moment)
         if track.state == "lost":
             break
-    if followed.offset is None or not followed.offset.settled:
-        better = meter.measure(flight.pose_at)
-        if better is not None and (followed.offset is None or better.sigma_s < followed.offset.sigma_s):
-            followed.offset = better
+    offset.measure_again(flight.pose_at)
+    followed.offset = offset.found
     followed.track_ms /= max(1, len(followed.tracked))
     followed.steady_ms /= max(1, len(followed.tracked))
     followed.render_ms = 1e3 * (time.process_time() - began_s - mission_s) / max(1, frames)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from mission.camera.time_offset import TimeOffset
-from mission.locate import UNKNOWN_OFFSET_S, offset_uncertain
+from mission.flight_offset import UNKNOWN_OFFSET_S, offset_uncertain
 from mission.located import Located, Stage
 from mission.pose import Pose
 from mission.records import Frame, NoiseModel
