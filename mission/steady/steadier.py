@@ -118,12 +118,14 @@ class Steadier:
                 f"only {100.0 * shown.mean():.0f} % of the pictures show enough texture that can be followed",
                 trails,
             )
+        keeps = keeps_to_epipolar_lines(rows, times[known[keys]], _EPIPOLAR_PX / self._camera.intrinsics.fx)
+        share = float(keeps[rows.point].mean())
+        if share < _LEAST_STILL:
+            return not_steadied(noise, _moving(share), trails)
         try:
-            solved = self._solved(reports, keys, known, rows, tracks, noise)
+            solved = self._solved(reports, keys, known, rows, keeps, tracks, noise)
         except (LinAlgError, np.linalg.LinAlgError):
             return not_steadied(noise, "the background's points do not determine the camera's path", trails)
-        if isinstance(solved, float):
-            return not_steadied(noise, _moving(solved), trails)
         refused = self._refused(solved)
         if refused is not None:
             return not_steadied(noise, refused, trails)
@@ -136,25 +138,22 @@ class Steadier:
         keys: NDArray[np.intp],
         known: NDArray[np.intp],
         rows: Rows,
+        keeps: NDArray[np.bool_],
         tracks: NDArray[np.intp],
         noise: NoiseModel,
-    ) -> _Solved | float:
-        """The solution, or the share of points that keep to the epipolar lines where that is too small for one."""
+    ) -> _Solved:
         key_reports = reports.only(keys)
         levels = ErrorLevels.stated(noise)
         focal = self._camera.intrinsics.fx
-        keeps = keeps_to_epipolar_lines(rows, key_reports.cameras.t_s, _EPIPOLAR_PX / focal)
-        share = float(keeps[rows.point].mean())
-        if share < _LEAST_STILL:
-            return share
+        kept = keeps[rows.point]
         bundle = adjust(
             key_reports.cameras,
-            rows.only(keeps[rows.point]),
+            rows.only(kept),
             key_reports.prior(levels),
             _POINT_SIGMA_PX / focal,
             _START_PX / focal,
         )
-        bundle = replace(bundle, still_share=share * bundle.still_share)
+        bundle = replace(bundle, still_share=float(kept.mean()) * bundle.still_share)
         turn = bundle.cameras.rotation @ np.swapaxes(key_reports.cameras.rotation, 1, 2)
         levels = key_reports.fitted(levels, bundle.cameras, turn)
         similarity = most_likely_similarity(
