@@ -81,7 +81,9 @@ def register(app: typer.Typer) -> None:
                 show_default=False,
             ),
         ] = None,
-        scene: Annotated[str, typer.Option(help="Of --rendered: street, featureless, crowd, night or crossing.")] = "street",
+        scene: Annotated[
+            str, typer.Option(help="Of --rendered: street, featureless, crowd, night or crossing.")
+        ] = "street",
     ) -> None:
         """Measure every method's depth error on simulated sightings, beside the paper's figures and the bound.
 
