@@ -52,6 +52,17 @@ class Window:
         x, y = self.to_frame(x_px, y_px)
         return 0.0 <= x <= self.frame_size[0] and 0.0 <= y <= self.frame_size[1]
 
+    def shown(self) -> Image:
+        """(height, width): 255 where the window's pixel lies in the frame, 0 where it is made up."""
+        height, width = self.image.shape[:2]
+        if all(self.shows(x, y) for x in (0.0, width) for y in (0.0, height)):
+            return np.full((height, width), 255, np.uint8)
+        frame = np.array([[0, 0], [self.frame_size[0], 0], [*self.frame_size], [0, self.frame_size[1]]], np.float64)
+        corners = frame @ self.window_from_frame.T + self.offset_px
+        mask = np.zeros((height, width), np.uint8)
+        cv2.fillConvexPoly(mask, np.round(16.0 * (corners - 0.5)).astype(np.int32), 255, shift=4)
+        return mask
+
 
 def cut_window(
     image: Image,

@@ -15,6 +15,9 @@ _MEETING = 0.28
 """Two people of whom one is this near to the other, sideways and in body heights, will cover each other."""
 _SAME_DISTANCE = 0.8
 """Largest difference of the logarithms of their heights: who is much farther or nearer is told apart by it."""
+_BESIDE = 0.15
+"""Least distance, sideways and in body heights, at which somebody is first believed: nearer, a second box on the target
+itself (without its feet, with an arm) is likelier than somebody who came from nowhere."""
 _SURELY_SOMEBODY = 0.4
 """Score from which on a body is believed to be somebody else."""
 _SAME_PLACE = 0.4
@@ -86,7 +89,8 @@ def seen_again(
     height = about.height_px
     body = min(bodies, key=lambda b: away(b, about.pixel, height, roll_rad))
     if other is None or away(body, about.pixel, height, roll_rad) > _SAME_PLACE * height:
-        return Other.at(body, t_s, roll_rad)
+        aside = abs(body.centre[0] - float(target.pixel[0]))
+        return Other.at(body, t_s, roll_rad) if aside > _BESIDE * target.height_px else other
     other.see(body, t_s, roll_rad)
     return other
 

@@ -51,6 +51,8 @@ class Target:
     """When a box last held nothing but the body."""
     crowded: bool = False
     """Somebody else is so close that HOG might mean them."""
+    company_s: float = -np.inf
+    """When somebody else was last seen near."""
     cut_off: bool = False
     """Part of the body is out of the picture, so its height cannot be measured."""
     met_s: float = -np.inf

@@ -21,24 +21,25 @@ from mission.detect.window import Window, cut_window
 from mission.errors import DetectionError
 from mission.records import Box, Frame, Image, Vector
 from mission.track import noise
-from mission.track.appearance import colours, likeness
+from mission.track.appearance import adapted, colours, likeness
 from mission.track.measure import Extent, Eyes, away
 from mission.track.meeting import may_be_taken_for, seen_again, told_apart
 from mission.track.motion import Motion
 from mission.track.target import NEAR, Target, beside
 from mission.track.template import Template
 from mission.track.track import Track, TrackState
+from mission.track.whole_body import whole_body
 
-_BOX_SHARES = (1.0, 0.6)
-"""How much of the body a detector's box may show."""
-_AS_SURE = 0.8
-"""Share of the surest body's score from which on another one may be preferred for being whole."""
 COASTING_S = 2.5
 """How long a hidden person is waited for: a walker needs that to pass behind a car, half covered to half free."""
 _BODY = WindowedHog.BODY_PX
 _MIDDLE = np.array(WindowedHog.SIZE) / 2.0
 _SAME_LOOKS = 0.55
 """Smallest likeness of colours that may be the same person."""
+_SAME_LOOKS_ALONE = 0.4
+"""The same for who was followed until now with nobody near: a part may be in the shade, or half out of the picture."""
+_ALONE_S = 1.5
+"""How long nobody else must have been near."""
 _SURE_LOOKS = 0.75
 """Likeness from which on the memory of the colours follows the light."""
 _GOOD_MATCH = 0.7
@@ -77,27 +78,10 @@ class Tracker:
         Raises:
             DetectionError: there is no person in the box.
         """
-        body = self._whole_body(frame.image, box, roll_rad)
+        body = whole_body(self._eyes, frame.image, box, roll_rad)
         _, bodies = self._eyes.bodies(frame.image, body.centre, body.height_px, roll_rad)  # now at the right scale
         body = min(bodies, key=lambda b: float(np.hypot(*np.subtract(b.centre, body.centre))), default=body)
         self._begin(frame, body.centre, body.height_px, not body.whole, roll_rad)
-
-    def _whole_body(self, image: Image, box: Box, roll_rad: float) -> Extent:
-        """Who is in the box, head to foot: HOG's box may hold but the upper half of a body."""
-        found = [
-            body
-            for share in _BOX_SHARES
-            for body in self._eyes.bodies(image, box.centre_px, box.height_px / share, roll_rad)[1]
-            if float(np.hypot(*np.subtract(body.centre, box.centre_px))) < 0.6 * box.height_px
-        ]
-        if not found:
-            raise DetectionError(
-                "There is nobody to follow in the box", "Draw the box around one person, head to foot."
-            )
-        # Somebody near is cut off by the picture, and then a bush is the more complete body, but not as surely one.
-        surest = max(body.score for body in found)
-        found = [body for body in found if body.score > _AS_SURE * surest]
-        return max(found, key=lambda body: (body.whole, body.score))
 
     def update(
         self,
@@ -144,7 +128,7 @@ class Tracker:
             earlier=deepcopy(motion),
             next_earlier=deepcopy(motion),
             earlier_s=frame.t_s,
-            looks=colours(window.image, _MIDDLE, _BODY),
+            looks=colours(window, _MIDDLE, _BODY),
             template=Template.cut(window.image, _MIDDLE, _BODY, frame.t_s),
             seen_s=frame.t_s,
             agreed_s=frame.t_s,
@@ -168,9 +152,10 @@ class Tracker:
         if not agreed and not self._correlate(frame, target, window):
             return self._vanish(frame, target, 0.0)
         body = np.array(window.to_window(*_pair(target.motion.pixel)))
-        seen = colours(window.image, body, _BODY)
+        seen = colours(window, body, _BODY)
         alike = likeness(seen, target.looks)
-        if alike < _SAME_LOOKS or not _inside(window, body):
+        alone = agreed and frame.t_s - target.company_s > _ALONE_S
+        if alike < (_SAME_LOOKS_ALONE if alone else _SAME_LOOKS) or not _inside(window, body):
             return self._vanish(frame, target, alike)
         target.seen_s = frame.t_s
         if frame.t_s - target.earlier_s >= _EARLIER_S:
@@ -179,7 +164,7 @@ class Tracker:
         if agreed:
             target.agreed_s = frame.t_s
             if alike > _SURE_LOOKS:
-                target.looks = 0.98 * target.looks + 0.02 * seen
+                target.looks = adapted(target.looks, seen, 0.02)
             if target.template is None or frame.t_s - target.template.t_s >= _TEMPLATE_S:
                 target.template = Template.cut(window.image, body, _BODY, frame.t_s)
         return self._track(frame, target, "tracking", alike)
@@ -201,6 +186,7 @@ class Tracker:
         body = next((b for b in bodies if target.may_be(b, roll)), None)
         others = [b for b in bodies if b is not body]
         target.crowded = any(beside(b, expected, height) for b in others)
+        target.company_s = frame.t_s if others else target.company_s
         if body is None:
             return False
         others = [
@@ -224,7 +210,7 @@ class Tracker:
     def _alike(self, frame: Frame, target: Target, body: Extent, roll: float) -> float:
         """How much somebody looks like the target."""
         window = _upright(frame.image, body.centre, body.height_px, roll)
-        return likeness(colours(window.image, _MIDDLE, _BODY), target.looks)
+        return likeness(colours(window, _MIDDLE, _BODY), target.looks)
 
     def _correlate(self, frame: Frame, target: Target, window: Window) -> bool:
         """Head and shoulders by correlation with the last frames: a bridge over frames that no detector understands."""
@@ -271,7 +257,7 @@ class Tracker:
             if middle is None or not body.sides_visible or not target.may_be(body, roll, reach, hidden_s):
                 continue
             window = _upright(frame.image, middle, body.height_px if body.whole else height, roll)
-            alike = likeness(colours(window.image, _MIDDLE, _BODY), target.looks)
+            alike = likeness(colours(window, _MIDDLE, _BODY), target.looks)
             hog = self._eyes.centre(window, NEAR)
             # A body half behind something: the two detectors do not agree about its middle.
             if alike < _SAME_LOOKS + 0.05 or hog is None or abs(hog.x_px - _MIDDLE[0]) > 0.12 * _BODY:
@@ -300,7 +286,7 @@ class Tracker:
         target.whole_s = frame.t_s
         if not target.cut_off:
             target.height_s = frame.t_s
-        return self._track(frame, target, "tracking", likeness(colours(window.image, place, _BODY), target.looks))
+        return self._track(frame, target, "tracking", likeness(colours(window, place, _BODY), target.looks))
 
     def _after_meeting(self, frame: Frame, target: Target, bodies: list[Extent], roll: float) -> list[Extent]:
         """The target among people of its looks, or nobody while it could be either."""

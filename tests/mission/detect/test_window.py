@@ -55,3 +55,12 @@ def test_what_is_beyond_the_edge_is_known_to_be_made_up() -> None:
     window = cut_window(BLANK, (320.0, 470.0), 100.0, 96.0, SIZE)
     assert window.shows(64.0, 80.0)
     assert not window.shows(64.0, 80.0 + 15.0)
+
+
+@given(x=st.floats(0, 640), y=st.floats(0, 480), body=st.floats(30, 600), roll=st.floats(-0.6, 0.6))
+def test_what_is_shown_is_what_lies_in_the_frame(x: float, y: float, body: float, roll: float) -> None:
+    window = cut_window(BLANK + 7, (x, y), body, 96.0, SIZE, roll)
+    shown = window.shown() > 0
+    assert shown.shape == window.image.shape[:2]
+    # Up to the pixels on the frame's edge, which are blends.
+    assert np.mean(shown != (window.image[:, :, 0] < 60)) < 0.02

@@ -69,6 +69,12 @@ def test_the_way_of_the_nearest_other_one_is_followed() -> None:
     assert third is not None
 
 
+def test_a_second_box_on_the_target_itself_is_nobody_else() -> None:
+    assert seen_again(None, [body(X + 20.0, 160.0)], target(), 0.0, 0.0) is None
+    passer = walked(520.0, 420.0)
+    assert seen_again(passer, [body(X + 20.0, 160.0)], target(), FRAME_S, 0.0) is passer, "it stays who it was"
+
+
 def test_both_are_told_apart_by_place_or_not_at_all() -> None:
     mine, far, near = body(X + 8.0), body(X - 140.0), body(X + 30.0)
     other = walked(260.0, 180.0)
