@@ -1,4 +1,4 @@
-"""HOG where the person is large enough and the network does not know better, NanoDet for the rest."""
+"""HOG's boxes where the network sees the same people, NanoDet's for the rest; HOG alone where the network is blind."""
 
 from __future__ import annotations
 
@@ -9,16 +9,20 @@ from mission.records import Box, Detection, Image
 
 _SAME_HEIGHT = 1.6
 """Largest ratio of the heights of one body; HOG's box is up to a third too tall, and half a body is half as tall."""
+_SURE = 0.5
+"""Score from which on NanoDet needs no confirmation by HOG where HOG confirms somebody else."""
 
 
 class AutoDetector:
-    """HOG's people, unless NanoDet sees people elsewhere only: then those.
+    """The people that NanoDet sees, in HOG's boxes where it sees them too; HOG's where NanoDet sees nobody.
+
+    Where both see somebody, NanoDet must be surer of those whom it sees alone.
 
     HOG answers with a tree or a lamp where the person is too small (a body of less than about 90 px), stands oddly, or
     is so near that its window, a third taller than the body, does not fit into the picture.
 
     Args:
-        near: its people count where `far` sees them too, or sees nobody at all.
+        near: its boxes count where `far` sees the same people, or nobody at all.
         far: asked as well.
     """
 
@@ -36,7 +40,10 @@ class AutoDetector:
         near, far = self._near.detect(image, region), self._far.detect(image, region)
         if not far:
             return near
-        return [one for one in near if any(_same(one.box, other.box) for other in far)] or far
+        both = [one for one in near if any(_same(one.box, other.box) for other in far)]
+        if not both:
+            return far
+        return both + [one for one in far if one.score > _SURE and not any(_same(one.box, two.box) for two in both)]
 
 
 def _same(one: Box, other: Box) -> bool:

@@ -19,12 +19,13 @@ class Sees:
     """Finds what it is told."""
 
     boxes: tuple[Box, ...] = ()
+    score: float = 1.0
     name: str = "told"
     regions: list[Box | None] = field(default_factory=list)
 
     def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
         self.regions.append(region)
-        return [Detection(box, 1.0) for box in self.boxes]
+        return [Detection(box, self.score) for box in self.boxes]
 
 
 def seen(hog: tuple[Box, ...], network: tuple[Box, ...]) -> list[Box]:
@@ -50,6 +51,13 @@ def test_where_hog_sees_something_else_the_network_is_believed(wrong: Box) -> No
 
 def test_of_hog_s_boxes_only_the_confirmed_ones_stay() -> None:
     assert seen((Box(60.0, 100.0, 90.0, 240.0), PERSON), (PERSON,)) == [PERSON]
+
+
+def test_whom_the_network_alone_sees_is_there_too_if_it_is_sure() -> None:
+    other = Box(80.0, 120.0, 80.0, 200.0)
+    assert seen((PERSON,), (PERSON, other)) == [PERSON, other]
+    unsure = AutoDetector(Sees((PERSON,)), Sees((PERSON, other), score=0.45))
+    assert [d.box for d in unsure.detect(PICTURE)] == [PERSON]
 
 
 def test_one_who_sees_nobody_leaves_it_to_the_other() -> None:
