@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import LinAlgError, lapack
 from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.optimize import minimize_scalar
 from scipy.special import erf
@@ -85,14 +85,15 @@ class RateMatch:
         self._walk: Matrix = between @ (-0.5 * rounded) @ between.T
         self._bend = _bend(seen / self._duration_s, joined.tolist())
         self._weight: Vector = np.ones(len(seen))
-        self._factor: Matrix = np.eye(len(seen))
         self._gain_weight = 0.0
+        self._weigh(np.eye(len(seen)))
 
     def cost(self, offset_s: float) -> float:
         """Sum of the whitened squared residuals."""
-        residual, solution = self._residual(offset_s)
+        wanted = self._whiten(self._reported(self._spans - offset_s))
+        solution = self._solution(wanted)
         known = self._gain_weight * (float(solution[0]) - _USUAL_GAIN)
-        return float(np.sum(self._whiten(residual) ** 2)) + known**2
+        return float(np.sum((wanted - self._white_design @ solution) ** 2)) + known**2
 
     def turned_rad(self, offset_s: float) -> float:
         """Extent of the reported movement."""
@@ -133,21 +134,27 @@ class RateMatch:
         self._weight = limit / np.maximum(np.abs(lone), limit)
         kinds = _PICTURE_SHARES, _REPORT_SHARES, _WANDERS_RAD, _WALKS
         levels = [len(sizes) // 2 for sizes in kinds]
-        best = math.inf
+        best, factor, seen = math.inf, np.eye(len(residual)), set()
         for kind in _ORDER * _SWEEPS:  # one kind after the other; all combinations would take seconds
             for level in range(len(kinds[kind])):
                 tried = [*levels[:kind], level, *levels[kind + 1 :]]
+                if tuple(tried) in seen:
+                    continue
+                seen.add(tuple(tried))
                 picture, report, wander, walk = (sizes[at] for sizes, at in zip(kinds, tried, strict=True))
                 covariance = wander**2 * self._wander + walk**2 * self._walk + (report * scale) ** 2 * self._shared
                 covariance += np.diag(np.square(picture * scale / self._weight))
-                factor = cholesky(covariance, lower=True, check_finite=False)
-                white = solve_triangular(factor, columns, lower=True, check_finite=False)
+                root, info = lapack.dpotrf(covariance.T, lower=1, overwrite_a=1)
+                if info != 0:
+                    raise LinAlgError("the noise of the turns has no regular covariance")
+                white, _ = lapack.dtrtrs(root, columns, lower=1)
                 # Restricted likelihood: what was fitted to the same residuals has made them smaller.
                 _, used = np.linalg.slogdet(white[:, 1:].T @ white[:, 1:])
-                unlikely = float(white[:, 0] @ white[:, 0]) + 2.0 * float(np.log(np.diag(factor)).sum()) + used
+                unlikely = float(white[:, 0] @ white[:, 0]) + 2.0 * float(np.log(np.diag(root)).sum()) + used
                 if unlikely < best:
-                    best, self._factor, levels = unlikely, factor, tried
+                    best, factor, levels = unlikely, root, tried
         self._gain_weight = 1.0 / _GAIN_SIGMA
+        self._weigh(factor)
 
     def _jacobian(self, inverse_gain: float) -> Matrix:
         """(N, 3): how the reported turns change with the offset, the gain and the drift."""
@@ -155,16 +162,24 @@ class RateMatch:
 
     def _residual(self, offset_s: float) -> tuple[Vector, Vector]:
         told = self._reported(self._spans - offset_s)
-        columns, wanted = self._whiten(self._design), self._whiten(told)
+        solution = self._solution(self._whiten(told))
+        return told - self._design @ solution, solution
+
+    def _weigh(self, factor: Matrix) -> None:
+        """Fit under a covariance of the noise from now on, of which this is the lower Cholesky factor."""
+        self._factor = np.asfortranarray(factor)
+        self._white_design: Matrix = self._whiten(self._design)
         # What is known of the gain beforehand, as one more row.
         known = np.array([[self._gain_weight, 0.0]])
-        solution, *_ = np.linalg.lstsq(
-            np.vstack([columns, known]), np.append(wanted, self._gain_weight * _USUAL_GAIN), rcond=None
-        )
-        return told - self._design @ solution, np.asarray(solution, dtype=np.float64)
+        self._fit: Matrix = np.linalg.pinv(np.vstack([self._white_design, known]))
+
+    def _solution(self, wanted: Vector) -> Vector:
+        """One over the gain, and the drift, that explain the reported turns (N,), whitened, best."""
+        return np.asarray(self._fit @ np.append(wanted, self._gain_weight * _USUAL_GAIN), dtype=np.float64)
 
     def _whiten(self, columns: Matrix) -> Matrix:
-        return np.asarray(solve_triangular(self._factor, columns, lower=True, check_finite=False), dtype=float)
+        white, _ = lapack.dtrtrs(self._factor, columns, lower=1)
+        return np.asarray(white, dtype=np.float64).reshape(columns.shape)
 
 
 def best_offset(matches: Sequence[RateMatch], low_s: float, high_s: float) -> float:

@@ -11,7 +11,6 @@ from scipy.ndimage import binary_dilation, gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from mission.camera.camera import Camera
-from mission.camera.mounting import rotation
 from mission.pose import Pose
 from mission.records import Matrix, Vector
 
@@ -40,7 +39,9 @@ class ReportedRotation:
         known = np.array([pose is not None for pose in poses])
         steps = np.zeros((len(times), 3))
         if np.count_nonzero(known) > 1:
-            body = Rotation.concatenate([rotation(pose.world_from_body_wxyz) for pose in poses if pose is not None])
+            body = Rotation.from_quat(
+                np.array([pose.world_from_body_wxyz for pose in poses if pose is not None]), scalar_first=True
+            )
             world_from_camera = body * camera.mounting.body_from_camera
             steps[np.flatnonzero(known)[1:]] = (world_from_camera[:-1].inv() * world_from_camera[1:]).as_rotvec()
         # The reports' own noise, interpolated, would make one offset look better than the next; a symmetric smoothing
@@ -58,11 +59,8 @@ class ReportedRotation:
         covered: NDArray[np.bool_] = inside & (self.gaps[last] == self.gaps[first])
         return covered
 
-    def turn(self, spans: Matrix) -> Matrix:
-        """Rotation (N, 3) about the camera's axes in each time span (N, 2)."""
-        return np.column_stack(
-            [
-                np.interp(spans[:, 1], self.times_s, angle) - np.interp(spans[:, 0], self.times_s, angle)
-                for angle in self.angle_rad.T
-            ]
-        )
+    def turn(self, spans: Matrix, axis: Vector) -> Vector:
+        """Rotation (N,) about an axis (3,) of the camera's in each time span (N, 2)."""
+        angle = self.angle_rad @ axis
+        begun, ended = (np.interp(times, self.times_s, angle) for times in spans.T)
+        return np.asarray(ended - begun)

@@ -134,7 +134,7 @@ class TimeOffsetMeter:
 
         def match(axis: Vector) -> RateMatch:
             exposed = spans + (shutter_s @ np.square(axis))[:, None]
-            return RateMatch(exposed, seen @ axis, lambda shifted: reported.turn(shifted) @ axis)
+            return RateMatch(exposed, seen @ axis, lambda shifted: reported.turn(shifted, axis))
 
         matches = [match(body[row]) for row in (_YAW, _ROLL, _PITCH)]
         rates, offset_s = matches[0], best_offset(matches, low, high)
