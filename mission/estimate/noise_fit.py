@@ -35,7 +35,7 @@ from mission.estimate.noise_likelihood import (
     first_order_sigma,
     random_walk_intensity,
 )
-from mission.estimate.observations import observe, tamed_noise, tamed_prior
+from mission.estimate.observations import Observations, observe, tamed_noise, tamed_prior
 from mission.estimate.white_equivalent import white_equivalent
 from mission.records import FlightSightings, NoiseModel, Sighting, Vector
 
@@ -103,7 +103,7 @@ def fit_noise(flight: FlightSightings, *, steadied: bool = False) -> NoiseModel:
         for _ in range(_ROUNDS):
             current = rescaled(flight, _scaled(flight.noise, log_factors, rate))
             model, minimum = most_probable(current, observe(current))
-            log_factors = _fitted(_likelihood(flight, model, minimum), log_factors, factors)
+            log_factors = _fitted(_likelihood(flight, seen, model, minimum), log_factors, factors)
     except (EstimateRefused, NotPositiveDefinite, np.linalg.LinAlgError):
         return stated
     return _scaled(flight.noise, log_factors, rate)
@@ -187,9 +187,8 @@ def _expected(factors: Sequence[_Factor], log_heading: float) -> Vector:
     return np.array([factor.middle + factor.with_heading * log_heading for factor in factors])
 
 
-def _likelihood(flight: FlightSightings, model: JointModel, minimum: Minimum) -> SmoothLikelihood:
+def _likelihood(flight: FlightSightings, stated: Observations, model: JointModel, minimum: Minimum) -> SmoothLikelihood:
     """Of the factors of the stated noise, on sightings thinned to what a dense matrix can bear."""
-    stated = observe(flight)
     rows = np.flatnonzero(np.isin(stated.index, model.seen.index))
     kept = np.zeros(len(stated.t_s), dtype=bool)
     kept[rows] = True

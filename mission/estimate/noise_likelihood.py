@@ -56,7 +56,7 @@ class SmoothLikelihood:
         channels = np.eye(3)
         pixel, size = _first_order(lag, noise.pixel_correlation_s), _first_order(lag, noise.size_correlation_s)
         everyone = np.ones((len(t), 1))
-        self.parts = np.array(
+        parts = np.array(
             [
                 spread(smooth(lag, HEADING_TAU_S), own[:, :, 0]),
                 spread(_first_order(lag, TILT_TAU_S), own[:, :, 1]),
@@ -66,6 +66,7 @@ class SmoothLikelihood:
                 spread(size, everyone * channels[2]),
             ]
         )
+        self.parts = parts.reshape(len(parts), -1)
         known = shared[:, :, [V.start, V.start + 1, V.start + 2, HEADING, TILT]].reshape(-1, 5)[flat]
         self.fixed = known @ known.T
         unknown = [P.start, P.start + 1, P.start + 2, *([SIZE] if model.any_size else [])]
@@ -77,15 +78,17 @@ class SmoothLikelihood:
         Raises:
             NotPositiveDefinite: the sightings do not determine the target.
         """
-        covariance = np.tensordot(np.exp(2.0 * log_factors), self.parts, 1) + self.fixed
-        factor, info = lapack.dpotrf(covariance, lower=1)
+        covariance = (np.exp(2.0 * log_factors) @ self.parts).reshape(self.fixed.shape)
+        covariance += self.fixed
+        # Symmetric, so its transpose will do, which LAPACK takes as it is.
+        factor, info = lapack.dpotrf(covariance.T, lower=1, overwrite_a=1)
         half, _ = lapack.dtrtrs(factor, self.unknown, lower=1)
         gram = half.T @ half
         information, failed = lapack.dpotrf(gram[:-1, :-1], lower=1)
         if info != 0 or failed != 0:
             raise NotPositiveDefinite("the noise level cannot be fitted")
         explained, _ = lapack.dtrtrs(information, gram[:-1, -1], lower=1)
-        determinant = np.log(np.diag(factor)).sum() + np.log(np.diag(information)).sum()
+        determinant = np.log(factor.diagonal()).sum() + np.log(information.diagonal()).sum()
         return float(gram[-1, -1] - np.sum(explained**2) + 2.0 * determinant)
 
 

@@ -9,14 +9,23 @@ McClure's function, whose scale starts wide and shrinks (graduated non-convexity
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csc_array
 
 from mission.records import Matrix, Vector
-from mission.steady.projection import Cameras, Landmarks, Rows, corrected, linearise, tangents
+from mission.steady.projection import (
+    Cameras,
+    Landmarks,
+    Rows,
+    corrected,
+    exposed,
+    linearise,
+    residuals,
+    tangents,
+)
 from mission.steady.rotations import cross_matrix, exponential, rotation_logarithm
 from mission.steady.row_weights import length2_of, noise_scale, persistence, row_weights
 from mission.steady.similarity import PosePrior, Similarity, most_likely_similarity
@@ -99,17 +108,18 @@ def adjust(
     reported, points = cameras, int(rows.point.max()) + 1
     landmarks = _first_landmarks(cameras, rows, points)
     turn, place = np.tile(np.eye(3), (len(cameras.t_s), 1, 1)), np.zeros((len(cameras.t_s), 3))
+    coupling = _Coupling(rows, len(cameras.t_s), points)
     settled, trust, moved = 0, np.empty(0), np.inf
     for step in range(steps):
         residual, by_camera, by_point = linearise(cameras, landmarks, rows)
         if settled < _REWEIGHTED:
-            length2 = length2_of(residual)
+            length2 = length2_of(residual.T)
             scale = noise_scale(length2, least_sigma)
             wide = start_scale * _NARROWING**step
             settled += wide <= _LIMIT * scale and moved < _NEAR
             trust = row_weights(length2, max(wide, _LIMIT * scale), scale, rows.point) / scale**2
         theta, offset, landmarks, factored = _step(
-            by_camera, by_point, residual, trust, rows, prior, landmarks, cameras, turn, place
+            by_camera, by_point, residual, trust, rows, coupling, prior, landmarks, cameras, turn, place
         )
         turn, place = exponential(theta) @ turn, place + offset
         similarity = most_likely_similarity(reported.position_m + place, reported.position_m, turn, prior, rounds=1)
@@ -122,11 +132,13 @@ def adjust(
         moved = max(float(np.abs(theta).max()), 0.1 * float(np.abs(offset).max()))
         if settled > 0 and moved < _CONVERGED:
             break
-    residual, _, _ = linearise(cameras, landmarks, rows)
+    residual = residuals(cameras, landmarks, rows).T
     length2 = length2_of(residual)
     scale = noise_scale(length2, least_sigma)
     weight = row_weights(length2, _LIMIT * scale, scale, rows.point)
+    shape = (6, len(cameras.t_s))
     covariance = cho_solve(factored, np.eye(6 * len(cameras.t_s)), check_finite=False)
+    covariance = covariance.reshape(*shape, *shape).transpose(1, 0, 3, 2).reshape(covariance.shape)
     covariance *= persistence(residual, weight, rows.frame, rows.point)
     agrees = length2 < (_LIMIT * scale) ** 2
     total = np.bincount(rows.point, minlength=points)
@@ -138,12 +150,8 @@ def adjust(
 
 def _first_landmarks(cameras: Cameras, rows: Rows, points: int) -> Landmarks:
     """Each point in the mean direction of its sightings, far away."""
-    turned = exponential(cameras.turn_rate[rows.frame] * rows.delay_s[:, None])
-    ray = np.column_stack([rows.measured, np.ones(len(rows.measured))])
-    ray = np.einsum("nij,njk,nk->ni", cameras.rotation[rows.frame], turned, ray, optimize=True)
-    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    direction = np.zeros((points, 3))
-    np.add.at(direction, rows.point, ray)
+    ray = exposed(cameras, rows, np.vstack([rows.measured.T, np.ones(len(rows.point))]))
+    direction = summed(ray / np.linalg.norm(ray, axis=0), rows.point, points).T
     length = np.linalg.norm(direction, axis=1, keepdims=True)
     direction = np.where(length > 0.0, direction / np.maximum(length, 1e-9), [0.0, 0.0, 1.0])
     return Landmarks(cameras.position_m.mean(axis=0), direction, np.full(points, _FIRST_NEARNESS))
@@ -155,82 +163,119 @@ def _moved(landmarks: Landmarks, by: Similarity) -> Landmarks:
     return Landmarks(place, landmarks.direction @ by.turn.T, landmarks.nearness / by.scale)
 
 
+class _Coupling:
+    """The product of the derivatives by cameras and by points, as the one matrix that the points are eliminated with.
+
+    Most of it is the same zeros in every step, and memory that is new each time costs more than what is reckoned in it.
+    """
+
+    def __init__(self, rows: Rows, frames: int, points: int) -> None:
+        self._product = np.zeros((6, frames, 3, points))
+        number = np.arange(3)[:, None]
+        self._places = (rows.frame * 3 + number) * points + rows.point
+
+    def filled(self, by_camera: NDArray[np.float64], by_point: NDArray[np.float64]) -> Matrix:
+        """(6 k, 3 m) from the derivatives (2, 6, n) and (2, 3, n); a point is seen once in a frame at most."""
+        product = np.einsum("ian,icn->acn", by_camera, by_point)
+        for matrix, values in zip(self._product.reshape(6, -1), product, strict=True):
+            matrix[self._places] = values
+        return self._product.reshape(6 * self._product.shape[1], -1)
+
+
 def _step(
     by_camera: NDArray[np.float64],
     by_point: NDArray[np.float64],
     residual: Matrix,
     weight: Vector,
     rows: Rows,
+    coupling: _Coupling,
     prior: PosePrior,
     landmarks: Landmarks,
     cameras: Cameras,
     turn: NDArray[np.float64],
     place: Matrix,
 ) -> tuple[Matrix, Matrix, Landmarks, tuple[Matrix, bool]]:
-    """One Gauss-Newton step: theta (k, 3), offset (k, 3), the factored Schur complement, the new landmarks."""
+    """One Gauss-Newton step: theta (k, 3), offset (k, 3), the factored Schur complement, the new landmarks.
+
+    The Schur complement is that of the numbers (6, k): the first one of all frames, the second one of all frames ...
+    """
     count, points = len(turn), len(landmarks.nearness)
-    residual = np.nan_to_num(residual)
-    weighted = by_camera * weight[:, None, None]
-    own = np.matmul(np.swapaxes(weighted, 1, 2), by_camera)
-    pull = np.einsum("nij,ni->nj", weighted, residual)
-    cross = np.matmul(np.swapaxes(weighted, 1, 2), by_point)
-    point_own = np.matmul(np.swapaxes(by_point, 1, 2) * weight[:, None, None], by_point)
-    point_pull = np.einsum("nij,ni->nj", by_point * weight[:, None, None], residual)
+    root = np.sqrt(weight)
+    by_camera, by_point, residual = root * by_camera, root * by_point, root * np.nan_to_num(residual)
 
-    blocks, gradient = summed(own, rows.frame, count), summed(pull, rows.frame, count)
-    point_blocks, point_gradient = summed(point_own, rows.point, points), summed(point_pull, rows.point, points)
-    point_blocks[:, [0, 1], [0, 1]] += _DIRECTION_DAMPING**-2
-    point_blocks[:, 2, 2] += _NEARNESS_DAMPING**-2
-
+    blocks, pull = camera_equations(by_camera, residual, rows.frame, count)
     information = _held(cameras.position_m, float(np.einsum("kii->ki", blocks).mean()))
     every = np.arange(count)
-    information[every, :, every, :] += blocks
-    gradient = gradient.reshape(count, 6)
-    angle = rotation_logarithm(turn)
+    information[:, every, :, every] += blocks
+    gradient, angle = pull.T, rotation_logarithm(turn)
     for axis in range(3):
-        information[:, axis, :, axis] += prior.turn_information[axis]
-        gradient[:, axis] -= prior.turn_information[axis] @ angle[:, axis]
-        information[:, 3 + axis, :, 3 + axis] += prior.place_information[axis]
-        gradient[:, 3 + axis] -= prior.place_information[axis] @ (place[:, axis] - prior.place_mean[axis])
+        information[axis, :, axis] += prior.turn_information[axis]
+        gradient[axis] -= prior.turn_information[axis] @ angle[:, axis]
+        information[3 + axis, :, 3 + axis] += prior.place_information[axis]
+        gradient[3 + axis] -= prior.place_information[axis] @ (place[:, axis] - prior.place_mean[axis])
 
-    coupling = np.zeros((count, 6, points, 3))
-    coupling[rows.frame, :, rows.point, :] = cross  # a point is seen once in a frame at most
-    by_point_of = coupling.reshape(6 * count, points, 3)
-    inverse = np.linalg.inv(point_blocks)
-    reduced = np.einsum("npi,pij->npj", by_point_of, inverse, optimize=True)
-    flat, reduced_flat = by_point_of.reshape(6 * count, -1), reduced.reshape(6 * count, -1)
-    schur = information.reshape(6 * count, 6 * count) - reduced_flat @ flat.T
+    point_blocks = summed(np.einsum("ian,icn->acn", by_point, by_point), rows.point, points)
+    point_blocks += np.diag([_DIRECTION_DAMPING**-2, _DIRECTION_DAMPING**-2, _NEARNESS_DAMPING**-2])[:, :, None]
+    # In units in which each point's own information is one, what eliminating them takes away is a matrix times its own
+    # transpose: half the work.
+    unit = np.moveaxis(np.linalg.inv(np.linalg.cholesky(np.moveaxis(point_blocks, 2, 0))), 0, 2)
+    by_point = np.einsum("acn,icn->ian", unit.take(rows.point, axis=2), by_point)
+    point_gradient = summed(np.einsum("ian,in->an", by_point, residual), rows.point, points)
+    both = coupling.filled(by_camera, by_point)
+    schur = information.reshape(6 * count, 6 * count) - both @ both.T
     factored = cho_factor(schur, lower=True, check_finite=False)
-    solution = cho_solve(factored, gradient.ravel() - reduced_flat @ point_gradient.ravel(), check_finite=False)
-    point_step = np.einsum("pij,pj->pi", inverse, point_gradient - (flat.T @ solution).reshape(points, 3))
+    solution = cho_solve(factored, gradient.ravel() - both @ point_gradient.ravel(), check_finite=False)
+    left = point_gradient - (solution @ both).reshape(3, points)
+    point_step = np.einsum("acp,ap->pc", unit, left)
     # A direction turns by at most half a radian a step, and stays a unit vector.
     across = np.einsum("pij,pj->pi", tangents(landmarks.direction), np.clip(point_step[:, :2], -0.5, 0.5))
     direction = landmarks.direction + across
     length = np.linalg.norm(direction, axis=1)
     nearness = np.clip((landmarks.nearness + point_step[:, 2]) / length, *_NEARNESS_RANGE)
     moved = Landmarks(landmarks.origin_m, direction / length[:, None], nearness)
-    solved = solution.reshape(count, 6)
+    solved = solution.reshape(6, count).T
     return solved[:, :3], solved[:, 3:], moved, factored
 
 
 def _held(position_m: Matrix, stiffness: float) -> NDArray[np.float64]:
-    """(k, 6, k, 6): information that keeps a step from turning, moving or stretching all together.
+    """(6, k, 6, k): information that keeps a step from turning, moving or stretching all together.
 
     `most_likely_similarity` does that, exactly; left to the pictures it would follow what is noise to them.
     """
     arm = position_m - position_m.mean(axis=0)
-    along = np.zeros((len(arm), 6, 7))
-    along[:, 3:, 0] = arm
-    along[:, :3, 1:4] = np.eye(3)
-    along[:, 3:, 1:4] = -cross_matrix(arm)
-    along[:, 3:, 4:] = np.eye(3)
+    along = np.zeros((6, len(arm), 7))
+    along[3:, :, 0] = arm.T
+    along[:3, :, 1:4] = np.eye(3)[:, None]
+    along[3:, :, 1:4] = -np.swapaxes(cross_matrix(arm), 0, 1)
+    along[3:, :, 4:] = np.eye(3)[:, None]
     flat = along.reshape(-1, 7)
     flat = flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-9)
-    return np.asarray(stiffness * flat @ flat.T).reshape(len(arm), 6, len(arm), 6)
+    return np.asarray(stiffness * flat @ flat.T).reshape(6, len(arm), 6, len(arm))
+
+
+def camera_equations(
+    by_camera: NDArray[np.float64], residual: Matrix, frame: NDArray[np.intp], frames: int
+) -> tuple[NDArray[np.float64], Matrix]:
+    """Each camera's own information (k, 6, 6) and gradient (k, 6).
+
+    Args:
+        by_camera: (2, 6, n) derivatives, weighted by the root of each row's weight.
+        residual: (2, n), weighted likewise.
+        frame: (n,) which camera each row is of.
+        frames: k.
+    """
+    information, gradient = np.zeros((frames, 6, 6)), np.zeros((frames, 6))
+    order = np.argsort(frame, kind="stable")
+    ends = np.searchsorted(frame[order], np.arange(frames + 1)).tolist()
+    for number, (first, last) in enumerate(pairwise(ends)):
+        own = order[first:last]
+        jacobian = np.swapaxes(by_camera.take(own, axis=2), 0, 1).reshape(6, -1)
+        information[number] = jacobian @ jacobian.T
+        gradient[number] = jacobian @ residual.take(own, axis=1).ravel()
+    return information, gradient
 
 
 def summed(values: NDArray[np.float64], group: NDArray[np.intp], groups: int) -> NDArray[np.float64]:
-    """The sum of the rows of each group."""
-    ones, ends = np.ones(len(values)), np.arange(len(values) + 1)
-    total = csc_array((ones, group, ends), shape=(groups, len(values))) @ values.reshape(len(values), -1)
-    return np.asarray(total).reshape(groups, *values.shape[1:])
+    """(..., groups): the sums of values (..., n) of the same group."""
+    sums = [np.bincount(group, row, groups) for row in values.reshape(-1, len(group))]
+    return np.array(sums, dtype=np.float64).reshape(*values.shape[:-1], groups)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from mission.records import Matrix, Vector
-from mission.steady.rotations import cross_matrix, rotation_logarithm
+from mission.steady.rotations import rotation_logarithm
 
 LEAST_DEPTH = 0.05
 """Of y_z below which a point is no longer in front of the camera, with |d| = 1."""
@@ -109,54 +109,76 @@ def tangents(direction: Matrix) -> NDArray[np.float64]:
 def linearise(
     cameras: Cameras, landmarks: Landmarks, rows: Rows
 ) -> tuple[Matrix, NDArray[np.float64], NDArray[np.float64]]:
-    """Residual (n, 2), and the derivative of the prediction by theta and position (n, 2, 6) and by d, rho (n, 2, 3)."""
+    """Residual (2, n), and the derivative of the prediction by theta and position (2, 6, n) and by d, rho (2, 3, n).
+
+    The rows come last, here and in what is made of it: numpy is fast along the last axis, and there are thousands.
+    """
     residual, by_g, g, away = _seen(cameras, landmarks, rows)
-    by_point = np.empty((len(g), 2, 3))
-    by_point[:, :, :2] = by_g @ tangents(landmarks.direction)[rows.point]
-    by_point[:, :, 2] = np.einsum("nij,nj->ni", by_g, away)
+    across = _of_rows(tangents(landmarks.direction), rows.point)
+    by_point = np.empty((2, 3, len(rows.point)))
+    by_point[:, :2] = np.einsum("ijn,jcn->icn", by_g, across)
+    by_point[:, 2] = np.einsum("ijn,jn->in", by_g, away)
     return residual, _by_camera(by_g, g, landmarks, rows), by_point
 
 
 def linearise_cameras(cameras: Cameras, landmarks: Landmarks, rows: Rows) -> tuple[Matrix, NDArray[np.float64]]:
-    """The same for points that are known: residual (n, 2), and the derivative by theta and position (n, 2, 6)."""
+    """The same for points that are known: residual (2, n), and the derivative by theta and position (2, 6, n)."""
     residual, by_g, g, _ = _seen(cameras, landmarks, rows)
     return residual, _by_camera(by_g, g, landmarks, rows)
 
 
+def residuals(cameras: Cameras, landmarks: Landmarks, rows: Rows) -> Matrix:
+    """(2, n), measured less predicted; NaN where the point would be behind the camera."""
+    return _seen(cameras, landmarks, rows)[0]
+
+
+def exposed(cameras: Cameras, rows: Rows, ray: Matrix) -> Matrix:
+    """Rays (3, n) of the cameras at their rows' times in world axes."""
+    rotation, turn = _of_rows(cameras.rotation, rows.frame), rows.delay_s * _of_rows(cameras.turn_rate, rows.frame)
+    return np.asarray(np.einsum("ijn,jn->in", rotation, _turned_back(ray, -turn)))
+
+
 def _seen(cameras: Cameras, landmarks: Landmarks, rows: Rows) -> tuple[Matrix, NDArray[np.float64], Matrix, Matrix]:
-    """Residual (n, 2), d(prediction) / dg (n, 2, 3), g = d + rho (c0 - c) (n, 3), and c0 - c (n, 3)."""
-    rotation = cameras.rotation[rows.frame]
-    delay_s = rows.delay_s[:, None]
-    away = landmarks.origin_m - (cameras.position_m[rows.frame] + delay_s * cameras.velocity_m_s[rows.frame])
-    g = landmarks.direction[rows.point] + landmarks.nearness[rows.point, None] * away
-    y = _turned_back(np.einsum("nji,nj->ni", rotation, g), delay_s * cameras.turn_rate[rows.frame])
-    behind = ~(y[:, 2] > LEAST_DEPTH)
-    inverse = 1.0 / np.where(behind, 1.0, y[:, 2])
-    ideal = y[:, :2] * inverse[:, None]
-    residual = rows.measured - ideal
-    residual[behind] = np.nan
+    """Residual (2, n), d(prediction) / dg (2, 3, n), g = d + rho (c0 - c) (3, n), and c0 - c (3, n)."""
+    rotation, position, turn_rate, velocity = (
+        _of_rows(values, rows.frame)
+        for values in (cameras.rotation, cameras.position_m, cameras.turn_rate, cameras.velocity_m_s)
+    )
+    away = landmarks.origin_m[:, None] - (position + rows.delay_s * velocity)
+    g = _of_rows(landmarks.direction, rows.point) + landmarks.nearness[rows.point] * away
+    y = _turned_back(np.einsum("ijn,in->jn", rotation, g), rows.delay_s * turn_rate)
+    behind = ~(y[2] > LEAST_DEPTH)
+    inverse = 1.0 / np.where(behind, 1.0, y[2])
+    ideal = y[:2] * inverse
+    residual = rows.measured.T - ideal
+    residual[:, behind] = np.nan
     # d(ideal) / dy R'. How far the camera turns within the row's delay, half a degree, matters to the residual only.
-    by_g = (np.swapaxes(rotation, 1, 2)[:, :2] - ideal[:, :, None] * rotation[:, None, :, 2]) * inverse[:, None, None]
-    by_g[behind] = 0.0
+    by_g = (np.swapaxes(rotation[:, :2], 0, 1) - ideal[:, None] * rotation[:, 2]) * inverse
+    by_g[:, :, behind] = 0.0
     return residual, by_g, g, away
 
 
 def _by_camera(by_g: NDArray[np.float64], g: Matrix, landmarks: Landmarks, rows: Rows) -> NDArray[np.float64]:
-    found = np.empty((len(g), 2, 6))
-    found[:, :, :3] = by_g @ cross_matrix(g)
-    found[:, :, 3:] = -landmarks.nearness[rows.point, None, None] * by_g
+    found = np.empty((2, 6, len(rows.point)))
+    found[0, :3], found[1, :3] = _cross(by_g[0], g), _cross(by_g[1], g)
+    found[:, 3:] = -landmarks.nearness[rows.point] * by_g
     return found
 
 
+def _of_rows(values: NDArray[np.float64], number: NDArray[np.intp]) -> NDArray[np.float64]:
+    """(..., n): for each row the one of the values (k, ...) that it belongs to."""
+    return np.moveaxis(values, 0, -1).take(number, axis=-1)
+
+
 def _turned_back(vector: Matrix, turn: Matrix) -> Matrix:
-    """Exp(turn)' v of many (n, 3), by Rodrigues' formula without a matrix for each."""
-    angle = np.sqrt(np.einsum("ni,ni->n", turn, turn))[:, None]
+    """Exp(turn)' v of many (3, n), by Rodrigues' formula without a matrix for each."""
+    angle = np.sqrt(np.einsum("in,in->n", turn, turn))
     once = _cross(turn, vector)
     first, second = np.sinc(angle / np.pi), 0.5 * np.square(np.sinc(0.5 * angle / np.pi))
     return np.asarray(vector - first * once + second * _cross(turn, once))
 
 
 def _cross(a: Matrix, b: Matrix) -> Matrix:
-    ax, ay, az = a.T
-    bx, by, bz = b.T
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+    """The cross products of many (3, n)."""
+    (ax, ay, az), (bx, by, bz) = a, b
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

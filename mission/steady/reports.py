@@ -136,12 +136,16 @@ class Reports:
         level = np.linalg.inv(tilt)
         between = self.way_m - self.cameras.position_m
         between = between - between.mean(axis=0)
+        rest = _PLACE_OFFSET_M**2 * everywhere + _FLOOR_M**2 * white
+        across, up = (
+            (np.linalg.inv(place.covariance(t_s) + rest), np.linalg.inv(speed.integral_covariance(t_s) + rest))
+            for place, speed in (
+                (levels.horizontal, levels.horizontal_velocity),
+                (levels.vertical, levels.vertical_velocity),
+            )
+        )
         information, mean = [], []
-        for axis in range(3):
-            place, speed = _of_axis(levels, axis)
-            rest = _PLACE_OFFSET_M**2 * everywhere + _FLOOR_M**2 * white
-            by_place = np.linalg.inv(place.covariance(t_s) + rest)
-            by_speed = np.linalg.inv(speed.integral_covariance(t_s) + rest)
+        for axis, (by_place, by_speed) in enumerate((across, across, up)):
             information.append(by_place + by_speed)
             mean.append(np.linalg.solve(by_place + by_speed, by_speed @ between[:, axis]))
         return PosePrior(np.stack([level, level, np.linalg.inv(heading)]), np.stack(information), np.stack(mean))
@@ -167,12 +171,6 @@ class Reports:
             horizontal_velocity=_fitted(levels.horizontal_velocity, t_s, way[:, :2], _FLOOR_M, integrated=True),
             vertical_velocity=_fitted(levels.vertical_velocity, t_s, way[:, 2:], _FLOOR_M, integrated=True),
         )
-
-
-def _of_axis(levels: ErrorLevels, axis: int) -> tuple[Wander, Wander]:
-    if axis == 2:
-        return levels.vertical, levels.vertical_velocity
-    return levels.horizontal, levels.horizontal_velocity
 
 
 def _fitted(stated: Wander, t_s: Vector, error: Matrix, floor: float, *, integrated: bool) -> Wander:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.records import Matrix, Vector
-from mission.steady.bundle import Bundle, summed
-from mission.steady.projection import Cameras, Rows, corrected, interpolated, linearise_cameras
+from mission.steady.bundle import Bundle, camera_equations
+from mission.steady.projection import Cameras, Rows, corrected, interpolated, linearise_cameras, residuals
 from mission.steady.rotations import exponential
 from mission.steady.row_weights import length2_of, row_weights
 
@@ -59,15 +59,15 @@ def resect(reported: Cameras, bundle: Bundle, turn: NDArray[np.float64], place: 
     weight = np.zeros(len(rows.frame))
     for _ in range(_ROUNDS):
         residual, by_camera = linearise_cameras(cameras, bundle.landmarks, rows)
-        weight = row_weights(length2_of(residual), 4.0 * bundle.scale, bundle.scale, rows.point) / bundle.scale**2
-        weighted = by_camera * weight[:, None, None]
-        own = summed(np.matmul(np.swapaxes(weighted, 1, 2), by_camera), rows.frame, count)
-        pull = summed(np.einsum("nij,ni->nj", weighted, np.nan_to_num(residual)), rows.frame, count)
+        length2 = length2_of(residual.T)
+        weight = row_weights(length2, 4.0 * bundle.scale, bundle.scale, rows.point) / bundle.scale**2
+        root = np.sqrt(weight)
+        own, pull = camera_equations(root * by_camera, root * np.nan_to_num(residual), rows.frame, count)
         step = np.linalg.solve(own + np.diag(damping), (pull - damping * moved)[:, :, None])[:, :, 0]
         moved = moved + step
         turn, place = exponential(np.asarray(step[:, :3], dtype=np.float64)) @ turn, place + step[:, 3:]
         cameras = corrected(reported, turn, place)
-    residual, _ = linearise_cameras(cameras, bundle.landmarks, rows)
+    residual = residuals(cameras, bundle.landmarks, rows).T
     good = (weight * bundle.scale**2 > 0.25) & np.isfinite(residual[:, 0])
     points = np.bincount(rows.frame[good], minlength=count)
     square = np.bincount(rows.frame[good], length2_of(residual)[good], minlength=count)

@@ -51,6 +51,26 @@ def test_rotation_and_path_past_a_street_with_a_restless_autopilot(seed: int) ->
     assert found.scale * FOCAL_PX == pytest.approx(0.2, abs=0.05)
 
 
+def test_the_order_of_the_rows_does_not_matter() -> None:
+    rng = np.random.default_rng(15)
+    flight = fly(street(rng), rng)
+    order = rng.permutation(len(flight.rows.frame))
+    rows = flight.rows
+    mixed = Rows(rows.frame[order], rows.point[order], rows.measured[order], rows.delay_s[order])
+    found, again = solve(flight), solve(replace(flight, rows=mixed))
+    assert again.cameras.rotation == pytest.approx(found.cameras.rotation, abs=1e-8)
+    assert again.cameras.position_m == pytest.approx(found.cameras.position_m, abs=1e-7)
+    assert again.covariance == pytest.approx(found.covariance, rel=1e-5, abs=1e-12)
+
+
+def test_the_covariance_is_that_of_each_frames_rotation_and_place_in_turn() -> None:
+    rng = np.random.default_rng(16)
+    found = solve(fly(street(rng), rng))
+    sigma = np.sqrt(np.diag(found.covariance)).reshape(-1, 6)
+    assert (sigma[:, :3] < TENTH_DEG).all()
+    assert (sigma[:, 3:] > 2.0 * sigma[:, :3]).all()
+
+
 def test_pure_rotation_is_found_and_is_not_taken_for_a_translation() -> None:
     rng = np.random.default_rng(10)
     flight = fly(street(rng), rng, out_m=0.0, turn_rad=0.4)
