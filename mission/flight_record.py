@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from mission.camera.camera import Camera
+from mission.detect import Detector, NanoDetDetector
 from mission.pose import Pose
 from mission.records import (
     FlightSightings,
@@ -21,7 +22,7 @@ from mission.records import (
     TargetPrior,
 )
 from mission.sighting import cameras_at, sighting, sighting_from
-from mission.steady import Steadied, Steadier, rows_at
+from mission.steady import ENOUGH_STILL, Steadied, Steadier, rows_at
 from mission.track import Track
 from mission.track.noise import PIXEL_CORRELATION_S, SIZE_CORRELATION_S
 
@@ -30,6 +31,8 @@ KEY_FRAMES = 20
 PICTURE_MARGIN = 0.4
 """Room around the target in its picture, as a fraction of its box."""
 DEFAULT_SIZE_SIGMA = 0.04
+_PEOPLE_SCORE = 0.3
+"""NanoDet's, from which on somebody is left out of the background: who is nobody costs but a few points."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,6 +105,32 @@ class FlightRecord:
         bottom = int(np.clip(box.bottom_px + PICTURE_MARGIN * box.width_px, top + 1, height))
         done, encoded = cv2.imencode(".jpg", best.image[top:bottom, left:right])
         return encoded.tobytes() if done else None
+
+    def steadied(
+        self,
+        pose_at: Callable[[float], Pose | None],
+        offset_s: float,
+        noise: NoiseModel,
+        finder: Callable[[], Detector] = lambda: NanoDetDetector(_PEOPLE_SCORE),
+    ) -> Steadied:
+        """The poses by the background (`mission.steady.Steadier.solve`).
+
+        Somebody who walks the camera's own way for a moment looks like a still thing at another distance, so where much
+        of the picture moves, people are looked for in the key frames and left out: half a second more, in crowds.
+
+        Args:
+            pose_at: the aircraft's pose at a telemetry time.
+            offset_s: how much later than telemetry the video's clock runs.
+            noise: what the aircraft states of its pose's errors.
+            finder: of people.
+        """
+        found = self.steadier.solve(pose_at, offset_s, noise)
+        if not found.still_share < ENOUGH_STILL:
+            return found
+        detector = finder()
+        for key in self.key_frames:
+            self.steadier.leave_out(key.t_s, [one.box for one in detector.detect(key.image)])
+        return self.steadier.solve(pose_at, offset_s, noise)
 
     def sightings(
         self,

@@ -230,7 +230,7 @@ class Locate:
         if self._offset.measure_again(self._drone.pose_at) and self._offset.found is not None:
             self._pointing.trust(self._offset.found.offset_s)
         offset_s = self._pointing.offset_s
-        steadied = record.steadier.solve(self._drone.pose_at, offset_s, self._pose_noise())
+        steadied = record.steadied(self._drone.pose_at, offset_s, self._pose_noise())
         flight = self._flight(record, steadied)
         flight = replace(supported(flight, steadied=steadied.reason is None), continues=self._before)
         self._before = flight.id

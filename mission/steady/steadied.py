@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -93,7 +94,7 @@ class Steadied:
     residual_px: float
     """Root mean square residual of the background's points per axis."""
     still_share: float
-    """Share of the points' sightings that agree with a world that stands still."""
+    """Share of the points' sightings that agree with a world that stands still; NaN where that was not found out."""
     reason: str | None = None
     """Why the telemetry's attitude was used as it is; None where it was steadied."""
 
@@ -108,6 +109,8 @@ class Steadied:
         )
 
 
-def not_steadied(noise: NoiseModel, reason: str, trails: PointTrails | None = None) -> Steadied:
+def not_steadied(
+    noise: NoiseModel, reason: str, trails: PointTrails | None = None, still_share: float = math.nan
+) -> Steadied:
     """The answer where the pictures do not help."""
-    return Steadied((), noise, None, trails, float("nan"), 0.0, reason)
+    return Steadied((), noise, None, trails, math.nan, still_share, reason)

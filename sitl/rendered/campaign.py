@@ -93,7 +93,7 @@ def _answered(
     steadied: Steadied | None = None
     begun_s = time.process_time()
     if way == "steadied":
-        steadied = followed.record.steadier.solve(flight.pose_at, offset_s, followed.pose_noise(flight.noise))
+        steadied = followed.record.steadied(flight.pose_at, offset_s, followed.pose_noise(flight.noise))
     steady_ms = followed.steady_ms + 1e3 * (time.process_time() - begun_s) / max(1, len(followed.tracked))
     said = "" if steadied is None else steadied.note()
     turned = rotation_error(flight, followed, flight.pose_at, offset_s, steadied)

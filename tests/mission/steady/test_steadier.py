@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -14,9 +15,9 @@ from mission.camera import Camera
 from mission.camera.mounting import Mounting
 from mission.flight_record import FlightRecord
 from mission.pose import Pose
-from mission.records import Box, Frame, GeodeticOrigin, Image, Matrix, NoiseModel, TargetPrior, Vector
+from mission.records import Box, Detection, Frame, GeodeticOrigin, Image, Matrix, NoiseModel, TargetPrior, Vector
 from mission.steady import Steadied, Steadier
-from mission.steady.steadier import _key_frames
+from mission.steady.steadier import _key_frames, drawn_by_movers
 from mission.track import Track
 from tests.mission.steady.worlds import ROUGH
 
@@ -154,6 +155,37 @@ def test_without_telemetry_it_says_so() -> None:
     assert found.reason == "too few frames with telemetry"
 
 
+def crowded(frames: tuple[Frame, ...], share: float) -> tuple[Frame, ...]:
+    """The same pictures with a textured crowd before their left part, which goes its own way."""
+    rng = np.random.default_rng(11)
+    cells = rng.integers(0, 255, (70, 110), dtype=np.uint8)
+    crowd = cv2.cvtColor(cv2.resize(cells, None, fx=10, fy=10, interpolation=cv2.INTER_CUBIC), cv2.COLOR_GRAY2BGR)
+    width = round(640 * share)
+    found = []
+    for frame in frames:
+        right, down = (120.0 + 90.0 * np.array([np.sin(1.7 * frame.t_s), np.cos(1.3 * frame.t_s)])).tolist()
+        image = frame.image.copy()
+        image[:, :width] = cv2.getRectSubPix(crowd, (width, 480), (right + 0.5 * width, down + 240.0))
+        found.append(Frame(image, frame.t_s, frame.index))
+    return tuple(found)
+
+
+def test_the_more_moves_the_less_is_promised_of_the_attitude() -> None:
+    alone, among = steadied(street_pictures()), steadied(crowded(street_pictures(), 0.36))
+    assert alone.reason is None
+    assert among.reason is None
+    assert alone.still_share > 0.65 > among.still_share
+    drawn = drawn_by_movers(among.still_share)
+    assert among.noise.heading_sigma_rad > drawn * ROUGH.heading_sigma_rad > 2.0 * alone.noise.heading_sigma_rad
+    assert among.noise.tilt_sigma_rad > drawn * ROUGH.tilt_sigma_rad
+    assert among.noise.heading_bias_sigma_rad > among.noise.heading_sigma_rad
+
+
+@pytest.mark.parametrize(("still", "drawn"), [(1.0, 0.0), (0.65, 0.0), (0.525, 0.5), (0.4, 1.0), (0.0, 1.0)])
+def test_what_moves_may_draw_the_attitude_as_far_as_the_telemetry_lets_it(still: float, drawn: float) -> None:
+    assert drawn_by_movers(still) == pytest.approx(drawn)
+
+
 def test_pictures_of_different_places_do_not_make_a_path() -> None:
     rng = np.random.default_rng(2)
     frames = tuple(
@@ -167,11 +199,50 @@ def test_pictures_of_different_places_do_not_make_a_path() -> None:
     assert steadied(frames).reason is not None
 
 
-def test_sightings_are_taken_from_the_steadied_poses() -> None:
-    record = FlightRecord("x", CAMERA, 1.0)
-    for frame in street_pictures():
+@dataclass
+class Finder:
+    """Finds people where it is told."""
+
+    boxes: tuple[Box, ...]
+    asked: int = 0
+    name: str = "told"
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+        self.asked += 1
+        return [Detection(box, 1.0) for box in self.boxes]
+
+
+def recorded(frames: tuple[Frame, ...]) -> FlightRecord:
+    record = FlightRecord("x", CAMERA, 0.3)
+    for frame in frames:
         box = Box(300.0, 150.0, 40.0, 120.0)
         record.add(frame, Track(frame.index, frame.t_s, "tracking", box, box.centre_px, 1.0, 120.0, 0.04, 1.0))
+    return record
+
+
+def test_people_are_left_out_where_much_of_the_picture_moves() -> None:
+    finder = Finder((Box(0.0, 0.0, 0.36 * 640.0, 480.0),))
+    record = recorded(crowded(street_pictures(), 0.36))
+    before = record.steadier.solve(reported_pose, OFFSET_S, ROUGH)
+    found = record.steadied(reported_pose, OFFSET_S, ROUGH, lambda: finder)
+    assert finder.asked == len(record.key_frames) > 5
+    assert found.reason is None
+    assert found.still_share > 0.65 > before.still_share
+    assert found.noise.heading_sigma_rad < 0.5 * before.noise.heading_sigma_rad
+    assert found.trails is not None
+    assert np.mean(found.trails.pixel[:, 0] < 0.36 * 640.0) < 0.02, "points there have no part in it"
+
+
+def test_nobody_is_looked_for_where_the_world_stands_still_or_shows_nothing() -> None:
+    finder = Finder(())
+    assert recorded(street_pictures()).steadied(reported_pose, OFFSET_S, ROUGH, lambda: finder).reason is None
+    bare = tuple(Frame(np.full((480, 640, 3), 120, np.uint8), k / FPS, k) for k in range(20))
+    assert recorded(bare).steadied(reported_pose, OFFSET_S, ROUGH, lambda: finder).reason is not None
+    assert finder.asked == 0
+
+
+def test_sightings_are_taken_from_the_steadied_poses() -> None:
+    record = recorded(street_pictures())
     found = record.steadier.solve(reported_pose, OFFSET_S, ROUGH)
     args = (GeodeticOrigin(0.0, 0.0, 0.0), reported_pose, OFFSET_S, ROUGH, TargetPrior())
     plain, steady = record.sightings(*args), record.sightings(*args, found)
