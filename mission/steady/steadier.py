@@ -43,7 +43,7 @@ _LEAST_SHARE = 0.8
 """Of the key frames that must show enough points."""
 _LEAST_STILL = 0.4
 """Share of the points that must agree with a world that stands still."""
-ENOUGH_STILL = 0.65
+_ENOUGH_STILL = 0.65
 """Share of them from which on the rest does no harm."""
 _POINT_SIGMA_PX = 0.05
 _START_PX = 20.0
@@ -309,7 +309,7 @@ def drawn_by_movers(still_share: float) -> float:
     Args:
         still_share: of the points' sightings, those that agree with a world that stands still.
     """
-    return float(np.clip((ENOUGH_STILL - still_share) / (ENOUGH_STILL - _LEAST_STILL), 0.0, 1.0))
+    return float(np.clip((_ENOUGH_STILL - still_share) / (_ENOUGH_STILL - _LEAST_STILL), 0.0, 1.0))
 
 
 def _noise(solved: _Solved, stated: NoiseModel) -> NoiseModel:
