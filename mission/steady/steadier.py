@@ -33,8 +33,8 @@ _KEY_FRAMES = 30
 _KEY_EVERY_S = 0.2
 """Between key frames at least: a point errs the same way in pictures that are nearer. On rendered flights of which only
 1.8 s were kept, 30 key frames made headings worse than 10 (0.14 against 0.11 deg rms) and promised more."""
-_MOST_POINTS = 500
-_MOST_A_FRAME = 100
+_MOST_POINTS = 1000
+_MOST_A_FRAME = 200
 """Points that fix a frame, at most."""
 _LEAST_ROWS = 3
 """Key frames in which a point must have been seen."""
