@@ -33,7 +33,7 @@ PICTURE_MARGIN = 0.4
 """Room around the target in its picture, as a fraction of its box."""
 DEFAULT_SIZE_SIGMA = 0.04
 _CROWDED = 0.75
-"""Share of the background that stands still, below which people are looked for: on 191 of 194 rendered streets it is more."""
+"""Share of the background that stands still, below which people are looked for; 191 of 194 streets had more."""
 _PEOPLE_SCORE = 0.3
 """NanoDet's, from which on somebody is left out of the background: who is nobody costs but a few points."""
 
