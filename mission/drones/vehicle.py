@@ -64,6 +64,8 @@ class PositionTarget:
 _HEARTBEAT_S = 3.5
 _HEARTBEAT_AT_MOST_S = 6.5
 """While other telemetry comes; in ArduPilot's heartbeat alone is its mode, so not for longer."""
+_OVERTAKEN_S = 0.3
+"""How late a packet may be whose number says that a newer one was faster; the numbers come round after some seconds."""
 _HEARD_S = 1.0
 
 
@@ -113,6 +115,8 @@ class VehicleState:
         """Down coordinate of the ground under the take-off point, in the local frame."""
         self._relative: list[float] = []
         self._seen_grounded = False
+        self._mode_told: tuple[int, float] | None = None
+        """Sequence number of the newest packet that told the mode, and when it came."""
         self._lock = threading.Lock()
 
     def update(self, message: Any, now_s: float) -> None:
@@ -211,11 +215,21 @@ class VehicleState:
         self.armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self.critical = m.system_status in (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY)
         self.heartbeat_s = now_s
-        self._set_mode(m.custom_mode, now_s)
+        if not self._overtaken(m, now_s):
+            self._set_mode(m.custom_mode, now_s)
 
     def _on_current_mode(self, m: Any, now_s: float) -> None:
-        if self.heartbeat_s is not None:
+        if self.heartbeat_s is not None and not self._overtaken(m, now_s):
             self._set_mode(m.custom_mode, now_s)
+
+    def _overtaken(self, m: Any, now_s: float) -> bool:
+        """Whether a newer packet has already told the mode: on a link that reorders, an old mode is no take-over."""
+        if self._mode_told is not None:
+            number, told_s = self._mode_told
+            if now_s - told_s < _OVERTAKEN_S and (m.get_seq() - number) % 256 > 128:
+                return True
+        self._mode_told = m.get_seq(), now_s
+        return False
 
     def _on_sys_status(self, m: Any, now_s: float) -> None:
         del now_s

@@ -134,3 +134,35 @@ def test_lost_heartbeats_are_borne_for_a_while_as_long_as_other_telemetry_comes(
     assert state.connected(beat_s + 5.5)
     state.update(attitude, beat_s + 6.4)
     assert not state.connected(beat_s + 6.6), "its mode is not known any more"
+
+
+def _heartbeat(mode: str, number: int) -> mavlink.MAVLink_message:
+    guided, loiter = 4, 5
+    message = mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_QUADROTOR,
+        mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED,
+        guided if mode == "GUIDED" else loiter,
+        mavlink.MAV_STATE_ACTIVE,
+        3,
+    )
+    message._header = mavlink.MAVLink_header(message.id, srcSystem=1, srcComponent=1, seq=number % 256)
+    return message
+
+
+@pytest.mark.parametrize("number", [100, 255, 3])
+def test_an_old_mode_that_was_overtaken_on_the_way_is_no_change(number: int) -> None:
+    state = VehicleState()
+    state.update(_heartbeat("LOITER", number - 60), 9.0)
+    state.update(_heartbeat("GUIDED", number), 10.0)
+    state.update(_heartbeat("LOITER", number - 2), 10.05)
+    assert [mode.name for _, mode in state.take_mode_changes()] == ["GUIDED"]
+    assert state.mode.name == "GUIDED"
+
+
+def test_a_newer_mode_is_always_a_change_and_so_is_one_whose_number_has_come_round() -> None:
+    state = VehicleState()
+    for number, mode, now_s in ((100, "GUIDED", 10.0), (101, "LOITER", 10.01), (250, "GUIDED", 11.0)):
+        state.update(_heartbeat(mode, number), now_s)
+    state.update(_heartbeat("LOITER", 200), 12.0)
+    assert [mode.name for _, mode in state.take_mode_changes()] == ["LOITER", "GUIDED", "LOITER"]
