@@ -27,8 +27,10 @@ from mission.steady import Steadied, Steadier, rows_at
 from mission.track import Track
 from mission.track.noise import PIXEL_CORRELATION_S, SIZE_CORRELATION_S
 
+PICTURES = 15.0
+"""Key frames that a sidestep is planned to have."""
 KEY_FRAMES = 20
-"""Frames kept as pictures for the contact sheet."""
+"""Key frames kept at most; people see them, and people are looked for in them."""
 PICTURE_MARGIN = 0.4
 """Room around the target in its picture, as a fraction of its box."""
 DEFAULT_SIZE_SIGMA = 0.04
@@ -119,7 +121,7 @@ class FlightRecord:
         """The poses by the background (`mission.steady.Steadier.solve`).
 
         Somebody who walks the camera's own way for a moment looks like a still thing at another distance, so where much
-        of the picture moves, people are looked for in the key frames and left out: half a second more, in crowds.
+        of the picture moves, people are looked for in the key frames and left out: a second or two more, in crowds.
 
         Args:
             pose_at: the aircraft's pose at a telemetry time.

@@ -22,7 +22,7 @@ from mission.estimate.noise_fit import supported
 from mission.estimate.passes import Passes
 from mission.flight_loop import FlightLoop
 from mission.flight_offset import FlightOffset, offset_uncertain
-from mission.flight_record import FlightRecord
+from mission.flight_record import PICTURES, FlightRecord
 from mission.located import Located, Stage, TargetChoice, Watcher
 from mission.pattern import fitted, lateral_path
 from mission.pointing import Pointing, TargetTracker
@@ -174,7 +174,7 @@ class Locate:
         pattern = fitted(self._settings.pattern, self._pointing.presumed_range_m())
         path = lateral_path(pattern, azimuth)
         self._watcher.stage(Stage.SIDESTEP, f"{pattern.kind}, {pattern.length_m:.1f} m, {path.duration_s:.0f} s")
-        record = FlightRecord(flight_id, self._camera, interval_s=path.duration_s / 15.0)
+        record = FlightRecord(flight_id, self._camera, interval_s=path.duration_s / PICTURES)
         moving_aim = self._settings.pattern.kind != "paper"
         order = self._drone.fly(path)
         self._loop.fly(order)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import get_args
 
@@ -18,7 +18,7 @@ import numpy as np
 from rich.console import Console
 
 from mission.flight_offset import offset_uncertain
-from mission.flight_record import FlightRecord
+from mission.flight_record import PICTURES, FlightRecord
 from mission.records import Box, Frame
 from mission.sighting import roll_of
 from mission.track import Track
@@ -29,7 +29,6 @@ from sitl.rendered.followed import Followed, Tracked
 from sitl.rendered.scored import rotation_error
 
 _OFFSET_SIGMA_S = 0.003
-_PICTURES = 15.0
 _NOWHERE = Box(-100.0, -100.0, 1.0, 1.0)
 
 
@@ -47,7 +46,7 @@ class Rotation:
 def measured(case: Case) -> Rotation:
     """Fly a case and hold the steadied poses to the truth."""
     flight = RenderedFlight(case)
-    record = FlightRecord(case.name, flight.camera, flight.duration_s / _PICTURES)
+    record = FlightRecord(case.name, flight.camera, flight.duration_s / PICTURES)
     followed = Followed(record)
     for moment in flight.moments(turn=False):
         frame = moment.frame
@@ -85,12 +84,6 @@ def summary(found: Sequence[Rotation]) -> str:
     )
 
 
-def flown(options: argparse.Namespace) -> Iterator[Rotation]:
-    """The flights that were asked for, one after the other."""
-    for case in drawn_cases(options.flights, seed=options.seed, noise=options.noise, scene=options.scene):
-        yield measured(case)
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Fly, steady, and show the errors."""
     parser = argparse.ArgumentParser(prog="python -m sitl.steady_accuracy", description=(__doc__ or "").split("\n")[0])
@@ -101,7 +94,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     console, found = Console(), []
-    for one in flown(options):
+    for case in drawn_cases(options.flights, seed=options.seed, noise=options.noise, scene=options.scene):
+        one = measured(case)
         found.append(one)
         steadied = "" if one.heading_deg is None else f"{one.heading_deg:.3f} deg steadied, tilt {one.tilt_deg:.3f}; "
         console.print(f"heading {one.reported_heading_deg:.2f} deg reported, {steadied}{one.said}")

@@ -138,8 +138,7 @@ class Session:
             self._say(str(error))
             if not self._told:
                 self._component.say(error.cause)
-        except Exception:
-            # A fault of the program in one order must not take the others' answers away, nor the component.
+        except Exception:  # a fault of the program in one order must not take the others' answers, nor the component
             _logger.exception("the order failed")
             self._component.say("internal error, see the log")
         finally:

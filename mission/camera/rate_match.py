@@ -144,6 +144,7 @@ class RateMatch:
                 picture, report, wander, walk = (sizes[at] for sizes, at in zip(kinds, tried, strict=True))
                 covariance = wander**2 * self._wander + walk**2 * self._walk + (report * scale) ** 2 * self._shared
                 covariance += np.diag(np.square(picture * scale / self._weight))
+                # Symmetric, so its transpose will do, which LAPACK takes as it is.
                 root, info = lapack.dpotrf(covariance.T, lower=1, overwrite_a=1)
                 if info != 0:
                     raise LinAlgError("the noise of the turns has no regular covariance")

@@ -15,6 +15,11 @@ _LATE = 128
 """A step back in the sequence, modulo 256: the packet was overtaken, not lost."""
 
 
+def overtaken(sequence: int, newest: int) -> bool:
+    """Whether a packet was sent before the newest one that has come, by MAVLink's one-byte sequence numbers."""
+    return (sequence - newest) % 256 >= _LATE
+
+
 class PacketLoss:
     """MAVLink's one-byte sequence number, counted over the last four seconds. Safe to use from two threads.
 
@@ -39,10 +44,11 @@ class PacketLoss:
         step = 1 if self._last is None else (sequence - self._last) % 256
         if step == 0:
             return
-        if step < _LATE:
+        late = self._last is not None and overtaken(sequence, self._last)
+        if not late:
             self._last = sequence
         with self._lock:
-            self._count(now_s, step if step < _LATE else 0)
+            self._count(now_s, 0 if late else step)
 
     def fraction(self, now_s: float) -> float | None:
         """Lost packets of all that were sent, 0 to 1; None when too few came to tell."""

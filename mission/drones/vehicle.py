@@ -12,6 +12,7 @@ import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.drones.modes import MULTICOPTERS, Autopilot, FlightMode, autopilot_of, flight_mode
+from mission.drones.packet_loss import overtaken
 from mission.records import Vector
 
 VEHICLE_MESSAGES = (
@@ -115,8 +116,8 @@ class VehicleState:
         """Down coordinate of the ground under the take-off point, in the local frame."""
         self._relative: list[float] = []
         self._seen_grounded = False
-        self._mode_told: tuple[int, float] | None = None
-        """Sequence number of the newest packet that told the mode, and when it came."""
+        self._mode_number = 0
+        """Sequence number of the newest packet that told the mode."""
         self._lock = threading.Lock()
 
     def update(self, message: Any, now_s: float) -> None:
@@ -201,8 +202,12 @@ class VehicleState:
     def _fresh(t_s: float | None, now_s: float) -> bool:
         return t_s is not None and now_s - t_s < _STALE_S
 
-    def _set_mode(self, custom_mode: int, now_s: float) -> None:
-        mode = flight_mode(self.autopilot, custom_mode)
+    def _set_mode(self, m: Any, now_s: float) -> None:
+        # On a link that reorders, an old mode that comes after a newer one is no take-over.
+        if self.mode_s is not None and now_s - self.mode_s < _OVERTAKEN_S and overtaken(m.get_seq(), self._mode_number):
+            return
+        self._mode_number = m.get_seq()
+        mode = flight_mode(self.autopilot, m.custom_mode)
         if self.mode_s is not None and mode != self.mode:
             self.mode_changes.append((now_s, mode))
         self.mode, self.mode_s = mode, now_s
@@ -215,21 +220,11 @@ class VehicleState:
         self.armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self.critical = m.system_status in (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY)
         self.heartbeat_s = now_s
-        if not self._overtaken(m, now_s):
-            self._set_mode(m.custom_mode, now_s)
+        self._set_mode(m, now_s)
 
     def _on_current_mode(self, m: Any, now_s: float) -> None:
-        if self.heartbeat_s is not None and not self._overtaken(m, now_s):
-            self._set_mode(m.custom_mode, now_s)
-
-    def _overtaken(self, m: Any, now_s: float) -> bool:
-        """Whether a newer packet has already told the mode: on a link that reorders, an old mode is no take-over."""
-        if self._mode_told is not None:
-            number, told_s = self._mode_told
-            if now_s - told_s < _OVERTAKEN_S and (m.get_seq() - number) % 256 > 128:
-                return True
-        self._mode_told = m.get_seq(), now_s
-        return False
+        if self.heartbeat_s is not None:
+            self._set_mode(m, now_s)
 
     def _on_sys_status(self, m: Any, now_s: float) -> None:
         del now_s

@@ -12,15 +12,13 @@ from mission.detect import Confirmation, Detector, choose
 from mission.drones.drone import Drone
 from mission.errors import DetectionError
 from mission.flight_offset import UNKNOWN_OFFSET_S, FlightOffset, offset_uncertain
-from mission.flight_record import FlightRecord
+from mission.flight_record import PICTURES, FlightRecord
 from mission.pointing import Pointing, TargetTracker
 from mission.pose import Pose
 from mission.records import NoiseModel
 from mission.track import Track
 from sitl.camera.view import PersonView
 from sitl.rendered.flight import Moment, RenderedFlight
-
-_PICTURES = 15.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +93,7 @@ def follow(
     Raises:
         DetectionError: nobody is found before the pattern begins, or not where the operator clicks.
     """
-    record = FlightRecord(flight.case.name, flight.camera, interval_s=flight.duration_s / _PICTURES)
+    record = FlightRecord(flight.case.name, flight.camera, interval_s=flight.duration_s / PICTURES)
     followed = Followed(record)
     pointing = Pointing(cast(Drone, _Watched(flight)), flight.camera, tracker, cautious=True)
     meter = TimeOffsetMeter(flight.camera)
