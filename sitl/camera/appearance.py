@@ -58,20 +58,6 @@ class Appearance:
         return rgba
 
 
-def shadow_batch(body: Body) -> Batch:
-    """The shadow that a body throws on the ground."""
-    count = len(body.vertices_m)
-    colour = np.zeros((count, 4), np.uint8)
-    colour[:, 3] = 110
-    white = np.full((8, 8, 3), 255, np.uint8)
-    return Batch(np.zeros((count, 3)), body.triangles, np.zeros((count, 2)), colour, white, transparent=True)
-
-
-def shadow_of(surface: Vector, sun: Vector) -> Vector:
-    """(V, 3): a surface thrown onto the ground along the sun's rays."""
-    return np.asarray(surface - (surface[:, 2:] / max(0.08, float(sun[2]))) * sun + np.array([0.0, 0.0, 0.006]))
-
-
 def _palette(clothes: Clothes, rng: np.random.Generator) -> Vector:
     """(5, 3): red, green, blue of each material."""
     # Any colour but those of skin; jeans and greys.

@@ -55,7 +55,7 @@ class Batch:
     colour: NDArray[np.uint8]
     """(V, 4), red, green, blue, alpha: multiplied with the texture."""
     texture: Image
-    """BGR; the sides are powers of two."""
+    """BGR, or (h, w): alpha, rows from v = 0 on; the sides are powers of two."""
     sky: bool = False
     """Whether the vertices keep their places relative to the camera (infinitely far)."""
     transparent: bool = False
@@ -121,6 +121,11 @@ class Rasterizer:
     def paint(self, number: int, colour: NDArray[np.uint8]) -> None:
         """Change a batch's vertex colours: (V, 4), red, green, blue, alpha."""
         _fill(self._nodes[number].modify_geom(0).modify_vertex_data().modify_array(2), colour)
+
+    def cover(self, number: int, alpha: Image) -> None:
+        """Change the texture of a batch that was added with one of alpha: (h, w), as large."""
+        texture = self._paths[number].get_texture()
+        np.frombuffer(memoryview(texture.modify_ram_image()).cast("B"), np.uint8)[:] = alpha.ravel()
 
     def draw(self) -> Image:
         """Render: (height, width, 4), BGRA, upright; valid until the next call."""
@@ -199,10 +204,13 @@ def _format() -> GeomVertexFormat:
 
 def _texture(picture: Image) -> Texture:
     texture = Texture("surface")
-    texture.setup_2d_texture(picture.shape[1], picture.shape[0], Texture.T_unsigned_byte, Texture.F_rgb)
-    texture.set_ram_image(np.ascontiguousarray(picture[::-1]).tobytes())
-    texture.set_wrap_u(SamplerState.WM_repeat)
-    texture.set_wrap_v(SamplerState.WM_repeat)
-    texture.set_minfilter(SamplerState.FT_linear_mipmap_nearest)
+    colours = picture.ndim == 3
+    form = Texture.F_rgb if colours else Texture.F_alpha
+    texture.setup_2d_texture(picture.shape[1], picture.shape[0], Texture.T_unsigned_byte, form)
+    texture.set_ram_image(np.ascontiguousarray(picture[::-1] if colours else picture).tobytes())
+    wrap = SamplerState.WM_repeat if colours else SamplerState.WM_clamp
+    texture.set_wrap_u(wrap)
+    texture.set_wrap_v(wrap)
+    texture.set_minfilter(SamplerState.FT_linear_mipmap_nearest if colours else SamplerState.FT_linear)
     texture.set_magfilter(SamplerState.FT_linear)
     return texture

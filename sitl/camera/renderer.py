@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.records import Image, Vector
-from sitl.camera.appearance import Appearance, shadow_batch, shadow_of
+from sitl.camera.appearance import Appearance
 from sitl.camera.lens import Lens, distort
 from sitl.camera.mesh import sun_direction
 from sitl.camera.rasterizer import Batch, Rasterizer
 from sitl.camera.scenery import scenery
 from sitl.camera.sensor import Sensor
+from sitl.camera.shadows import Shadows
 from sitl.scenario import Scenario
 from sitl.world import World
 
@@ -83,7 +84,7 @@ class Renderer:
         self._sensor = Sensor(scenario)
         canvas = self._lens.canvas
         self._rasterizer = Rasterizer(canvas.width_px, canvas.height_px, canvas.focal_px, canvas.centre_px)
-        self._sun = sun_direction(scenario.light)
+        sun = sun_direction(scenario.light)
         self._parts: list[_Part] = []
         for batch in [*scenery(scenario), *extra]:
             self._add(batch)
@@ -96,9 +97,10 @@ class Renderer:
         ]
         self._people: list[_Figure] = []
         for i, person in enumerate(scenario.people):
-            look = Appearance(self.world.body, person.clothes, np.random.default_rng([scenario.seed, 2, i]), self._sun)
-            shadow = self._add(shadow_batch(self.world.body))
-            self._people.append(_Figure(look, self._add(look.batch()), shadow))
+            look = Appearance(self.world.body, person.clothes, np.random.default_rng([scenario.seed, 2, i]), sun)
+            self._people.append(_Figure(look, self._add(look.batch())))
+        self._shadows = Shadows(self.world.body, len(scenario.people), sun)
+        self._sheet = self._add(self._shadows.batch())
 
     def _add(self, batch: Batch) -> _Part:
         first = self._parts[-1].vertices.stop if self._parts else 0
@@ -149,7 +151,8 @@ class Renderer:
         surfaces = [[self.world.person_surface(i, t, started_s, scene_started_s) for i in people] for t in times]
         for figure, surface in zip(self._people, surfaces[1], strict=True):
             self._rasterizer.paint(figure.body.number, figure.look.colours(surface))
-        seen = [self._points(pose, bodies) for pose, bodies in zip(poses, surfaces, strict=True)]
+        sheet = self._shaded(surfaces[1])
+        seen = [self._points(pose, bodies, sheet) for pose, bodies in zip(poses, surfaces, strict=True)]
         motion = _Motion(seen, half_s, self._row_delay(seen[1]))
         return self._mean_over_exposure(motion, poses[1])
 
@@ -157,16 +160,23 @@ class Renderer:
         """Give the off-screen buffer back."""
         self._rasterizer.close()
 
-    def _points(self, pose: CameraPose, surfaces: list[Vector]) -> NDArray[np.float32]:
-        """(V, 3): every vertex of the scene, and of people with these surfaces, in the camera's frame."""
+    def _shaded(self, surfaces: list[Vector]) -> Vector:
+        """(V, 3): where the sheet with the shadows of people with these surfaces is, ENU. It stands for the picture."""
+        if not surfaces:
+            return np.zeros((self._sheet.vertices.stop - self._sheet.vertices.start, 3))
+        cast = self._shadows.cast(surfaces)
+        self._rasterizer.cover(self._sheet.number, cast.picture)
+        return cast.sheet
+
+    def _points(self, pose: CameraPose, surfaces: list[Vector], sheet: Vector) -> NDArray[np.float32]:
+        """(V, 3): every vertex of the scene, of people with these surfaces and of shadows, in the camera's frame."""
         place, rotation = pose.position_enu_m.astype(np.float32), pose.world_from_camera.astype(np.float32)
         points = np.empty((self._parts[-1].vertices.stop, 3), np.float32)
         points[: len(self._still)] = (self._still - self._anchored * place) @ rotation
         for figure, surface in zip(self._people, surfaces, strict=True):
             body = (surface - pose.position_enu_m) @ pose.world_from_camera
             points[figure.body.vertices] = body[figure.look.source]
-            shadow = shadow_of(surface, self._sun)
-            points[figure.shadow.vertices] = (shadow - pose.position_enu_m) @ pose.world_from_camera
+        points[self._sheet.vertices] = (sheet - pose.position_enu_m) @ pose.world_from_camera
         return points
 
     def _mean_over_exposure(self, motion: _Motion, pose: CameraPose) -> Image:
@@ -226,7 +236,6 @@ class _Figure:
 
     look: Appearance
     body: _Part
-    shadow: _Part
 
 
 class _Motion:
