@@ -93,6 +93,24 @@ def test_somebody_in_the_same_clothes_who_walks_in_front_is_never_taken_for_the_
     assert all(away(t, s) < 0.2 for t, s in zip(tracks, shots[1:], strict=True) if t.state == "tracking")
 
 
+def shaded(shot: Shot) -> Frame:
+    """Half as much light on the lower three fifths of the person."""
+    image = shot.frame.image.copy()
+    left, right = int(shot.box.left_px), int(shot.box.right_px)
+    top, bottom = int(shot.box.top_px + 0.4 * shot.box.height_px), int(shot.box.bottom_px)
+    image[top:bottom, left:right] //= 2
+    return Frame(image, shot.frame.t_s, shot.frame.index)
+
+
+@pytest.mark.parametrize(("beside", "state"), [("", "tracking"), (person(6.0, 9.0) + RED, "coasting")])
+def test_who_looks_less_alike_is_kept_if_nobody_else_was_near(beside: str, state: str, network: NanoDet) -> None:
+    light = 'clothes = { shirt = "#9fc0e0", trousers = "#a08060" }\n'
+    shots = film(person(6.0) + light + beside, 42)
+    tracks = follow(shots, network, lambda shot: shaded(shot) if shot.frame.index > 38 else shot.frame)
+    assert {t.state for t in tracks[:38]} == {"tracking"}
+    assert {t.state for t in tracks[38:]} == {state}
+
+
 def test_a_person_who_is_gone_is_lost_and_stays_lost(network: NanoDet) -> None:
     seen = film(person(6.0) + BLUE, 2)
     other = film(person(6.0, 3.0) + RED, 1)[0].frame.image
