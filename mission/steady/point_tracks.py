@@ -2,11 +2,10 @@
 
 Corners are the points with the largest smaller eigenvalue of the gradient's covariance (Shi & Tomasi 1994); each cell
 of a coarse grid without a point gets its best one, so that near ground and far houses both have some, and each cell of
-a fine one its best if it is good. That makes many points: each drifts on its own, by half a pixel a second, and that is
-what limits the camera's rotation (the same drifts with random signs gave the same errors on rendered flights, white
-noise of the same size a sixth). A point is followed until the way back does not lead to where it came from (Kalal,
+a fine one its best if it is good. A point is followed until the way back does not lead to where it came from (Kalal,
 Mikolajczyk & Matas 2010), or it enters a box that is left out; where the camera comes past again it is taken up again
-(`mission.steady.refind`). Everything is kept until the flight is over; what moves by itself is told apart afterwards.
+(`mission.steady.refind`), and so that it does not drift it is held to its first look (`mission.steady.anchors`).
+Everything is kept until the flight is over; what moves by itself is told apart afterwards.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.records import Box, CameraIntrinsics, Frame, Image, Matrix
+from mission.steady.anchors import Anchors
 from mission.steady.refind import Album
 
 _WORK_WIDTH_PX = 320
@@ -85,6 +85,7 @@ class PointTracker:
         self.frames: list[TrackedFrame] = []
         self._next = 0
         self._album = Album(self._size)
+        self._anchors = Anchors()
 
     def add(self, frame: Frame, left_out: Sequence[Box] = (), roll_rad: float = 0.0) -> None:
         """Follow the points into the next frame.
@@ -116,10 +117,12 @@ class PointTracker:
             track, point = last.track[found], there[found]
         if len(self.frames) % _LOOK_BACK_EVERY == 0:
             track, point = self._seen_again(grey, frame.t_s, wanted, track, point)
+        point = self._anchors.refined(grey, track, point)
         if len(self.frames) % _REFILL_EVERY == 0 or len(point) < wanted.size // (8 * _CELL_PX**2):
             fresh = _corners(grey, point, wanted)
             track = np.concatenate([track, np.arange(self._next, self._next + len(fresh), dtype=np.int32)])
             point = np.concatenate([point, fresh])
+            self._anchors.begin(grey, fresh)
             self._next += len(fresh)
         self.frames.append(TrackedFrame(frame.t_s, grey, track, point, roll_rad))
 
