@@ -30,6 +30,7 @@ from gcs_plugin.steady_view import steady_view
 from mission.drones.drone import Drone
 from mission.errors import AnswerError, SettingsError, SidestepError
 from mission.estimate.answer_line import estimate_line
+from mission.estimate.noise_fit import supported
 from mission.flight_record import KeyFrame
 from mission.located import Located, Stage
 from mission.records import Estimate, FlightSightings, Frame
@@ -142,7 +143,10 @@ class Answer:
             self._attempt("answer.json", lambda: self._folder.write_answer(tag))
         self._attempt("estimate.json", lambda: self._write_estimate(located))
         self._attempt("plan view", lambda: self._folder.write_plan_view(self._plan_view(located)))
-        steadied = located.steadied
+        reported, steadied = located.as_reported, located.steadied
+        if reported is not None:
+            fitted = partial(supported, reported, steadied=False)
+            self._attempt("sightings as reported", lambda: self._folder.write_as_reported(fitted()))
         if steadied is not None:
             view = partial(steady_view, steadied, located.flight.id)
             self._attempt("steady view", lambda: self._folder.write_steady_view(view()))

@@ -2,6 +2,7 @@
 
 flights/20261122T120006Z-3f9a1c/
     sightings.jsonl     what the estimate was made from (`sidestep estimate` computes it again)
+    as-reported.jsonl   the same with the poses that the aircraft reported, where the background's were used
     events.jsonl        what happened, one line each, on the disk as it happens
     plan.png            the plan view
     steady.png          the reported attitude against the background's
@@ -24,6 +25,8 @@ from gcs_plugin.geotag import Geotag, as_json
 from mission.errors import SidestepError
 from mission.estimate.sightings_file import flight_lines
 from mission.records import FlightSightings
+
+AS_REPORTED = "as-reported.jsonl"
 
 
 def _short_id() -> str:
@@ -84,6 +87,14 @@ class FlightFolder:
             self.sightings_path,
             "".join(f"{line}\n" for flight in flights for line in flight_lines(flight)).encode("utf-8"),
         )
+
+    def write_as_reported(self, flight: FlightSightings) -> None:
+        """Keep the sightings with the poses that the aircraft reported: what the answer would have been made from.
+
+        Raises:
+            AnswerError: it cannot be written.
+        """
+        write_whole(self.path / AS_REPORTED, "".join(f"{line}\n" for line in flight_lines(flight)).encode("utf-8"))
 
     def write_plan_view(self, png: bytes) -> None:
         """Keep the plan view.

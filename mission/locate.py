@@ -254,6 +254,7 @@ class Locate:
             target_picture=record.target_picture(),
             last_frame_s=last_frame_s,
             steadied=steadied,
+            as_reported=self._flight(record) if steadied.reason is None else None,
         )
 
     def _flight(self, record: FlightRecord, steadied: Steadied | None = None) -> FlightSightings:

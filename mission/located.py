@@ -61,6 +61,8 @@ class Located:
     """Program time of the last frame of the pattern."""
     steadied: Steadied | None = None
     """The camera's poses by the background, or why they could not be had."""
+    as_reported: FlightSightings | None = None
+    """The same sightings with the poses that the aircraft reported, where the background's were used."""
     ended: str = ""
     """Why the flight ended while the answer was worked out, when it did: the aircraft is no longer ours."""
 

@@ -124,6 +124,12 @@ def _print_table(console: Console, results: Sequence[Result]) -> None:
             f"depth error: median {statistics.median(errors):.1f} %, worst {max(errors):.1f} %; "
             f"95 % ellipse right in {inside} of {len(scores)}; answered {len(scores)} of {len(results)}"
         )
+    without = [result.as_reported.depth_error_pct for result in results if result.as_reported is not None]
+    if without:
+        console.print(
+            f"with the poses as the autopilot reported them: median {statistics.median(without):.1f} %, "
+            f"worst {max(without):.1f} % of {len(without)}"
+        )
 
 
 def _pair(values: Sequence[float], unit: str) -> str:

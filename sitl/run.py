@@ -41,6 +41,9 @@ class Result:
     timing: dict[str, object]
     flight_folder: str
     """Relative to the report."""
+    as_reported: Score | None = None
+    """Of what the answer would have been with the poses as the autopilot reported them, where the background's were
+    used and the others would have given one."""
 
 
 def fly(
@@ -115,13 +118,17 @@ def scored(running: Simulation, report: Path, exit_code: int, said: list[str]) -
     content = {**_json(folders[-1] / "answer.json"), **_json(folders[-1] / "estimate.json")} if folders else {}
     answer = content.get("estimate")
     timing = content.get("timing")
-    found: Score | None = None
+    found, as_reported = None, None
     error = str(content.get("error") or "")
     if isinstance(answer, dict):
         origin, first_s, first = _first_sighting(folders[-1] / "sightings.jsonl", str(answer["id"]))
         if scenario.vehicle.kind == "ardrone" and not scenario.ardrone.gps:
             origin = scenario.home.origin  # its frame is its own: it reckons from where it stood
         found = score(scenario, ring, answer, first, origin)
+        without = _estimated_again(folders[-1] / "as-reported.jsonl")
+        if without is not None:
+            _, _, reported = _first_sighting(folders[-1] / "as-reported.jsonl", str(without["id"]))
+            as_reported = score(scenario, ring, without, reported, origin)
         _draw(folders[-1], truth_track(scenario, ring, first_s, float(str(answer["t_s"])), first))
     elif not error:
         error = said[-1] if said else "sidestep locate said nothing"
@@ -135,6 +142,7 @@ def scored(running: Simulation, report: Path, exit_code: int, said: list[str]) -
         answer=answer if isinstance(answer, dict) else None,
         timing=timing if isinstance(timing, dict) else {},
         flight_folder=str(folders[-1].relative_to(report)) if folders else "",
+        as_reported=as_reported,
     )
 
 
@@ -151,6 +159,16 @@ def _first_sighting(path: Path, flight_id: str) -> tuple[GeodeticOrigin, float, 
         header = next(record for record in records if record.get("id") == flight_id)
         first = next(records)
     return GeodeticOrigin(**header["origin"]), float(first["t_s"]), np.array(first["position_enu_m"])
+
+
+def _estimated_again(path: Path) -> dict[str, object] | None:
+    """The answer of `sidestep estimate` to a file with one flight; None where it gives none."""
+    if not path.exists():
+        return None
+    command = [sys.executable, "-m", "gcs_plugin", "estimate", str(path)]
+    said = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False).stdout
+    answer = json.loads(said.splitlines()[0]) if said.strip() else {}
+    return answer if "depth_m" in answer else None
 
 
 def _draw(folder: Path, truth: Matrix) -> None:

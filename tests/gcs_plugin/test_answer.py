@@ -16,6 +16,7 @@ from gcs_plugin.answer import Answer, Times
 from gcs_plugin.flight_folder import FlightFolder
 from gcs_plugin.geotags import GeotagLog, Provenance
 from gcs_plugin.progress import Progress
+from mission.estimate.sightings_file import read_flights
 from mission.located import Located
 from mission.records import CameraIntrinsics, FlightSightings, Sighting
 from mission.settings import AnswerSettings
@@ -33,7 +34,9 @@ def located() -> Located:
     return Located(flight, estimate(), (), True, None, np.zeros((2, 4)), (), None, 106.25)
 
 
-def answered(link: FakeLink, folder: Path, *, ended: str = "", **settings: object) -> list[str]:
+def answered(
+    link: FakeLink, folder: Path, *, ended: str = "", as_reported: FlightSightings | None = None, **settings: object
+) -> list[str]:
     """Give the answer to everybody; what the link was sent, by message name."""
     times = Times(lambda: 106.5, lambda: NOON)
     said = Console(file=io.StringIO())
@@ -43,7 +46,7 @@ def answered(link: FakeLink, folder: Path, *, ended: str = "", **settings: objec
         answer = Answer(
             FakeDrone(t_s=106.25), link, chosen, flight_folder, log, progress, Provenance("test", "1"), times
         )
-        found = replace(located(), ended=ended)
+        found = replace(located(), ended=ended, as_reported=as_reported)
         answer.located(found)
         answer.finish(found)
         answer.close()
@@ -64,6 +67,21 @@ def test_an_aircraft_that_was_taken_is_told_nothing_and_the_geotag_stays(link: F
     assert "COMMAND_LONG" not in sent
     assert "CAMERA_TRACKING_GEO_STATUS" in sent
     assert len(link.vehicle.items) == before
+
+
+def test_what_the_aircraft_reported_is_kept_beside_what_the_answer_was_made_from(
+    link: FakeLink, tmp_path: Path
+) -> None:
+    flight = located().flight
+    moved = replace(flight, sightings=tuple(replace(one, position_enu_m=(9.0, 8.0, 7.0)) for one in flight.sightings))
+    answered(link, tmp_path / "with", as_reported=moved)
+    answered(link, tmp_path / "without")
+    (kept,) = (tmp_path / "with").glob("*/as-reported.jsonl")
+    (read,) = read_flights(kept)
+    assert isinstance(read, FlightSightings)
+    assert read.id == flight.id
+    assert {one.position_enu_m for one in read.sightings} == {(9.0, 8.0, 7.0)}
+    assert not list((tmp_path / "without").glob("*/as-reported.jsonl"))
 
 
 def test_automatic_points_the_nose_and_appends_the_waypoint(link: FakeLink, tmp_path: Path) -> None:

@@ -105,6 +105,15 @@ def test_the_log_estimates_to_the_same_answer_again(flown: Flown) -> None:
         assert again[key] == flown.first.answer[key]
 
 
+def test_what_the_autopilot_reported_is_kept_and_scored_too(flown: Flown) -> None:
+    assert flown.first.score is not None
+    without = flown.first.as_reported
+    assert without is not None
+    assert without.depth_truth_m == pytest.approx(flown.first.score.depth_truth_m, abs=0.05)
+    assert without.depth_m != flown.first.score.depth_m
+    assert without.depth_error_pct < 40.0
+
+
 def test_ctrl_c_in_the_pattern_holds_and_leaves_the_log_whole(flown: Flown) -> None:
     code, said = flown.aircraft.locate_until(PATTERN, lambda process: process.send_signal(signal.SIGINT))
     assert code == 1
