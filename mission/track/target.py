@@ -82,7 +82,7 @@ class Target:
             unseen_s: how long its height has not been measured.
         """
         height = self.motion.height_px
-        room = _SAME_HEIGHT + _GROWTH * unseen_s
+        room = _SAME_HEIGHT + max(_GROWTH * unseen_s, self.motion.size_sigma)
         smallest = room if body.whole else _HALF_HEIGHT
         if not -smallest < np.log(body.height_px / height) < room:
             return False

@@ -40,6 +40,8 @@ _SAME_LOOKS_ALONE = 0.4
 """The same for who was followed until now with nobody near: a part may be in the shade, or half out of the picture."""
 _ALONE_S = 1.5
 """How long nobody else must have been near."""
+_CUT_OFF_SIZE_SIGMA = 0.3
+"""Of the log of the height of who is cut off by the picture at first: much of it is a guess."""
 _SURE_LOOKS = 0.75
 """Likeness from which on the memory of the colours follows the light."""
 _GOOD_MATCH = 0.7
@@ -121,7 +123,8 @@ class Tracker:
         hog = self._eyes.centre(window, NEAR)
         if hog is not None:
             window = _upright(frame.image, window.to_frame(hog.x_px, float(_MIDDLE[1])), height, roll)
-        motion = Motion(window.to_frame(*_MIDDLE), height, noise.SIDEWAYS_SIGMA, noise.HEIGHT_SIGMA)
+        size_sigma = _CUT_OFF_SIZE_SIGMA if cut_off else noise.HEIGHT_SIGMA
+        motion = Motion(window.to_frame(*_MIDDLE), height, noise.SIDEWAYS_SIGMA, size_sigma)
         self._target = Target(
             t_s=frame.t_s,
             motion=motion,

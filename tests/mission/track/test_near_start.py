@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -24,12 +25,15 @@ from sitl.simulation import camera_of
 NEAR = Path(sitl.__file__).parent / "scenarios" / "ardrone" / "stationary-2-75.toml"
 
 
-def picture(seed: int, tilt_rad: tuple[float, float], aside_rad: float, height_m: float) -> tuple[Image, PersonView]:
+def picture(
+    seed: int, tilt_rad: tuple[float, float], aside_rad: float, height_m: float, back_m: float = 0.0
+) -> tuple[Image, PersonView]:
     scenario = read_scenario(NEAR).model_copy(update={"seed": seed})
     camera = square_camera(camera_of(scenario))
     heading = np.radians(scenario.vehicle.heading_deg) + aside_rad
     body = matrix_from_wxyz(world_from_body(*tilt_rad, float(heading)))
-    place = np.array([0.0, 0.0, height_m]) + body @ np.array(scenario.camera.position_body_m)
+    backwards = -back_m * np.array([np.sin(heading), np.cos(heading), 0.0])
+    place = np.array([0.0, 0.0, height_m]) + backwards + body @ np.array(scenario.camera.position_body_m)
     pose = CameraPose(place, body @ body_from_camera(0.0))
     renderer = Renderer(scenario)
     try:
@@ -59,3 +63,21 @@ def test_a_bush_beside_a_near_person_is_not_taken_for_them(
     assert track.state == "tracking"
     assert track.pixel[0] == pytest.approx(truth.pixel[0], abs=0.03 * truth.height_px)
     assert track.box.height_px == pytest.approx(truth.height_px, rel=0.12)
+
+
+@pytest.mark.parametrize("guessed", [1.0, 1.3])
+def test_a_height_guessed_of_who_is_cut_off_is_measured_once_all_of_them_is_seen(guessed: float) -> None:
+    moments = [(0.2 * i, *picture(5, (0.0, 0.0), 0.0, 0.95, back_m=0.12 * i - 0.4)) for i in range(16)]
+    _, image, truth = moments[0]
+    assert truth.height_px > image.shape[0]
+    network = NanoDet()
+    (body,) = NanoDetDetector(network=network).detect(image)
+    tracker = Tracker(network)
+    tracker.start(Frame(image, 0.0, 0), replace(body.box, height_px=guessed * body.box.height_px))
+    for i, (t_s, image, _) in enumerate(moments[1:], 1):
+        track = tracker.update(Frame(image, t_s, i))
+        assert track.state == "tracking"
+    _, image, truth = moments[-1]
+    assert truth.height_px < 0.7 * image.shape[0]
+    assert track.height_px == pytest.approx(truth.height_px, rel=0.05)
+    assert track.pixel == pytest.approx(truth.pixel, abs=0.03 * truth.height_px)
