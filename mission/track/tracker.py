@@ -256,8 +256,9 @@ class Tracker:
             bodies = self._after_meeting(frame, target, bodies, roll)
         best: tuple[float, Extent, Window, float] | None = None
         for body in bodies:
-            middle = body.middle(height, roll)
-            if middle is None or not body.sides_visible or not target.may_be(body, roll, reach, hidden_s):
+            # Who fills the picture from top to bottom: their middle is as good as anywhere.
+            middle = body.middle(height, roll) or body.centre
+            if not body.sides_visible or not target.may_be(body, roll, reach, hidden_s):
                 continue
             window = _upright(frame.image, middle, body.height_px if body.whole else height, roll)
             alike = likeness(colours(window, _MIDDLE, _BODY), target.looks)

@@ -81,3 +81,17 @@ def test_a_height_guessed_of_who_is_cut_off_is_measured_once_all_of_them_is_seen
     assert truth.height_px < 0.7 * image.shape[0]
     assert track.height_px == pytest.approx(truth.height_px, rel=0.05)
     assert track.pixel == pytest.approx(truth.pixel, abs=0.03 * truth.height_px)
+
+
+def test_who_fills_the_picture_from_top_to_bottom_is_found_again() -> None:
+    here, elsewhere = (picture(5, (0.0, 0.0), aside, 0.95, back_m=-0.4) for aside in (0.0, 1.0))
+    image, truth = here
+    network = NanoDet()
+    (body,) = NanoDetDetector(network=network).detect(image)
+    tracker = Tracker(network)
+    tracker.start(Frame(image, 0.0, 0), body.box)
+    images = [image] * 2 + [elsewhere[0]] * 4 + [image] * 4
+    tracks = [tracker.update(Frame(image, 0.07 * i, i)) for i, image in enumerate(images, 1)]
+    assert {track.state for track in tracks[2:6]} == {"coasting"}
+    assert tracks[-1].state == "tracking"
+    assert tracks[-1].pixel[0] == pytest.approx(truth.pixel[0], abs=0.03 * truth.height_px)
