@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -14,6 +13,7 @@ from mission.camera.camera import Camera
 from mission.camera.model import CameraModel
 from mission.pose import Pose
 from mission.records import Box, Frame, Matrix, NoiseModel, Vector
+from mission.steady.achieved import LEAST_STILL, achieved_noise
 from mission.steady.bundle import Bundle, adjust
 from mission.steady.epipolar_gate import keeps_to_epipolar_lines
 from mission.steady.point_tracks import PointTracker
@@ -41,24 +41,12 @@ _LEAST_ROWS = 3
 _LEAST_FRAMES = 8
 _LEAST_SHARE = 0.8
 """Of the key frames that must show enough points."""
-_LEAST_STILL = 0.4
-"""Share of the points that must agree with a world that stands still."""
-_ENOUGH_STILL = 0.65
-"""Share of them from which on the rest does no harm."""
 _POINT_SIGMA_PX = 0.05
 _START_PX = 20.0
 """How far off points may be at first: a heading that wanders by two degrees."""
 _EPIPOLAR_PX = 1.0
 """Between a still point and its epipolar line; 0.6 threw out too much (headings became worse), 1.5 does as well."""
 _WORST_PX = 3.0
-_HEADING_CORRELATION_S = 2.0
-_DIRECTION_SIGMA_RAD = math.radians(0.4)
-"""How far the path's direction, seen from the camera, is turned for a whole flight: 0.4 deg rms on rendered flights,
-many times what the points tell, because the distances that go with it err together."""
-_PATH_MARGIN = 1.5
-"""Points also err together, in ways that their own residuals do not show: on rendered flights the path was off by 1.5
-times what they tell. For the answer's ellipse what counts is heading, size and north together, and those need none: on
-60 rendered flights of both presets the normalised error was 1.6 when they were widened by 1.12."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +125,7 @@ class Steadier:
             )
         keeps = keeps_to_epipolar_lines(rows, times[known[keys]], _EPIPOLAR_PX / self._camera.intrinsics.fx)
         share = float(keeps[rows.point].mean())
-        if share < _LEAST_STILL:
+        if share < LEAST_STILL:
             return not_steadied(noise, _moving(share), trails, share)
         try:
             solved = self._solved(reports, keys, known, rows, keeps, tracks, noise)
@@ -212,7 +200,7 @@ class Steadier:
         bundle = solved.bundle
         if not np.isfinite(solved.resection.cameras.position_m).all():
             return "the background's points do not determine the camera's path"
-        if bundle.still_share < _LEAST_STILL:
+        if bundle.still_share < LEAST_STILL:
             return _moving(bundle.still_share)
         residual_px = bundle.scale * self._camera.intrinsics.fx
         if residual_px > _WORST_PX:
@@ -256,7 +244,7 @@ class Steadier:
         )
         curves = AttitudeCurves(times_s, angles(reports.cameras), angles(cameras), points)
         residual_px = solved.bundle.scale * self._camera.intrinsics.fx
-        achieved = _noise(solved, noise)
+        achieved = achieved_noise(solved.bundle, solved.similarity, noise)
         return Steadied(poses, achieved, curves, trails, residual_px, solved.bundle.still_share)
 
 
@@ -293,46 +281,3 @@ def angles(cameras: Cameras) -> Matrix:
     heading = np.unwrap(np.arctan2(ahead[:, 0], ahead[:, 1]))
     elevation = np.arcsin(np.clip(ahead[:, 2], -1.0, 1.0))
     return np.stack([heading, elevation, np.arctan2(-right[:, 2], -down[:, 2])], axis=1)
-
-
-def drawn_by_movers(still_share: float) -> float:
-    """How far what moves may have drawn the attitude, as a share of what the telemetry leaves it: 0 to 1.
-
-    Where people walk the camera's own way for a moment, they are a still world at another distance, and where little
-    else is seen they decide. No residual shows that, so the bundle's covariance does not either: of 43 rendered flights
-    through a crowd those with more than 65 % of the sightings still were off in heading by 0.7 times what was stated,
-    1.4 at worst, the others by up to 4.4 times. At the share that is refused the pictures are taken to tell nothing.
-
-    Args:
-        still_share: of the points' sightings, those that agree with a world that stands still.
-    """
-    return float(np.clip((_ENOUGH_STILL - still_share) / (_ENOUGH_STILL - _LEAST_STILL), 0.0, 1.0))
-
-
-def _noise(solved: _Solved, stated: NoiseModel) -> NoiseModel:
-    """The header's figures: what this flight achieved."""
-    own = np.einsum("ii->i", solved.bundle.covariance).reshape(-1, 6)
-    heading = math.sqrt(float(own[:, 2].mean()))
-    tilt = math.sqrt(float(0.5 * own[:, :2].sum(axis=1).mean()))
-    place = _PATH_MARGIN * math.sqrt(float(own[:, 3:].mean()))
-    drawn = drawn_by_movers(solved.bundle.still_share)
-    heading = math.hypot(heading, drawn * stated.heading_sigma_rad)
-    tilt = math.hypot(tilt, drawn * stated.tilt_sigma_rad)
-    span_s = float(solved.bundle.cameras.t_s[-1] - solved.bundle.cameras.t_s[0])
-    open_ = solved.similarity.covariance
-    return replace(
-        stated,
-        position_sigma_m=place,
-        position_walk_m_per_sqrt_s=place / math.sqrt(max(0.5 * span_s, 0.1)),
-        heading_sigma_rad=heading,
-        heading_correlation_s=_HEADING_CORRELATION_S,
-        tilt_sigma_rad=tilt,
-        tilt_correlation_s=_HEADING_CORRELATION_S,
-        # The pictures tie the attitude to the path: most of what is left is turned with it, all together.
-        heading_bias_sigma_rad=math.hypot(heading, _DIRECTION_SIGMA_RAD),
-        tilt_bias_sigma_rad=tilt,
-        # What errs all along is not seen in how the reports differ from the pictures.
-        position_scale_sigma=math.hypot(stated.position_scale_sigma, math.sqrt(open_[0, 0])),
-        world_heading_sigma_rad=math.hypot(stated.world_heading_sigma_rad, math.sqrt(open_[3, 3])),
-        world_tilt_sigma_rad=math.hypot(stated.world_tilt_sigma_rad, math.sqrt(0.5 * (open_[1, 1] + open_[2, 2]))),
-    )

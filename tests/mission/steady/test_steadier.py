@@ -17,7 +17,8 @@ from mission.flight_record import FlightRecord
 from mission.pose import Pose
 from mission.records import Box, Detection, Frame, GeodeticOrigin, Image, Matrix, NoiseModel, TargetPrior, Vector
 from mission.steady import Steadied, Steadier
-from mission.steady.steadier import _key_frames, drawn_by_movers
+from mission.steady.achieved import drawn_by_movers
+from mission.steady.steadier import _key_frames
 from mission.track import Track
 from tests.mission.steady.worlds import ROUGH
 
