@@ -181,9 +181,14 @@ class FaultBench:
         return self.reaction(hung_s)
 
     def end_failsafe(self) -> None:
-        """The operator takes the aircraft out of its failsafe, into a mode that holds; a new program flies next."""
+        """The operator takes the aircraft out of its failsafe, into a mode that holds; a new program flies next.
+
+        Raises:
+            AssertionError: the autopilot stays in its failsafe.
+        """
         self.operator_orders_mode(*HOLD[self.flavour][-1])
         self.drop_program()
+        assert self.until(lambda: not self.autopilot.state()["failsafe"], 2.0), "it stays in its failsafe"
 
     def link_cut(self, into_s: float) -> float:
         """Cut the link in a pattern; seconds until the aircraft hovers by the autopilot's own failsafe."""

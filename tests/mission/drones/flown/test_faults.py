@@ -146,6 +146,7 @@ def test_20_percent_packet_loss_is_flown_with_and_40_percent_is_not(fleet: Fleet
             # A simulator that stalled on a busy machine sent nothing, which ended the flight first.
             assert any(reason in text for reason in STARVED), text
             assert bench.comes_to_rest()
+            bench.end_failsafe()
             text = ended_by_loss(bench)
         assert LOSS in text, text
         assert bench.until(lambda: bench.mode() in HOLDS, 5.0)
@@ -165,7 +166,8 @@ def test_20_percent_packet_loss_is_flown_with_and_40_percent_is_not(fleet: Fleet
     finally:
         for flown in fleet.mavlink:
             flown.spoil(False)
-            flown.bench.drop_program()
+            # Where too many setpoints were lost before the program had ordered to hold, the autopilot holds by itself.
+            flown.bench.end_failsafe()
 
 
 def test_a_lost_link_is_reported_and_the_aircraft_stops_by_itself(fleet: Fleet) -> None:
