@@ -41,6 +41,14 @@ class Extent:
         """Nothing of the body is out of the picture, so that its height and its middle are what they seem."""
         return self.head_visible and self.feet_visible and self.sides_visible
 
+    def tall(self, guess_px: float) -> float:
+        """How tall the body is, pixels; of who is cut off a guess, and at least what is seen.
+
+        Args:
+            guess_px: for who is cut off.
+        """
+        return self.height_px if self.whole else max(self.height_px, guess_px)
+
     def middle(self, height_px: float, roll_rad: float) -> tuple[float, float] | None:
         """The body's middle by the end of the body that is in the picture; None where neither is.
 
@@ -58,12 +66,17 @@ class Extent:
         return None
 
 
-def away(body: Extent, expected: Vector, height_px: float, roll_rad: float) -> float:
-    """How far a body's middle is from where it is expected, pixels; sideways only where its ends are not seen."""
+def astray(body: Extent, expected: Vector, height_px: float, roll_rad: float) -> Vector:
+    """(2,) pixels from where a body's middle is expected to where it is; sideways only where its ends are not seen."""
     middle = body.middle(height_px, roll_rad)
     if middle is None:
-        return abs(body.centre[0] - float(expected[0]))
-    return float(np.hypot(*np.subtract(middle, expected)))
+        return np.array([body.centre[0] - float(expected[0]), 0.0])
+    return np.subtract(middle, expected)
+
+
+def away(body: Extent, expected: Vector, height_px: float, roll_rad: float) -> float:
+    """How far that is (`astray`)."""
+    return float(np.hypot(*astray(body, expected, height_px, roll_rad)))
 
 
 class Eyes:

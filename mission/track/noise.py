@@ -14,6 +14,8 @@ MATCH_SIGMA = 0.03
 """Of one correlation, body heights."""
 HEIGHT_SIGMA = 0.03
 """Of the log of the height of one NanoDet box."""
+CUT_OFF_SIZE_SIGMA = 0.3
+"""Of the log of the height of who is cut off by the picture when first seen: much of it is a guess."""
 PIXEL_CORRELATION_S = 0.2
 SIZE_CORRELATION_S = 0.35
 """How long the reported errors last (autocorrelation down to 1/e): they come from the gait and from the view. On 62

@@ -17,10 +17,16 @@ NEAR = 0.25
 """A detection this far from where the body is expected, in body heights, may still be it."""
 _SAME_HEIGHT = 0.25
 """Largest difference of the logarithms of two heights of the same body."""
+_SAME_HEIGHT_AGAIN = 0.12
+"""The same for who comes back into sight: a box may hold too much for a moment, but who is taken for the target from
+now on, and by nothing else, must be as tall."""
 _HALF_HEIGHT = 1.0
 """The same where part of the body is out of the picture."""
 _GROWTH = 0.2
 """By how much the logarithm of the height may have changed, unseen, per second: walking past each other at 3 m."""
+_REACH = (0.2, 0.85)
+"""How far from where it is expected who comes back may be, in body heights, and how much farther per second: the way of
+who walks 1.5 m/s."""
 _STRETCHED = 0.07
 """A box whose lower side is this much lower than expected, in body heights, while its upper side is where it should be,
 holds more than the body: its shadow or its reflection on the ground."""
@@ -57,10 +63,17 @@ class Target:
     """Part of the body is out of the picture, so its height cannot be measured."""
     met_s: float = -np.inf
     """When somebody of the same looks was last so close that the two might be mistaken for each other."""
+    told_s: float = -np.inf
+    """When it was last told from somebody of the same looks beside it, too close to be measured."""
     other: Other | None = None
     """Somebody of the same looks who was near."""
     returning: int = 0
     """In how many frames in a row somebody like the target was seen while coasting."""
+
+    @property
+    def known_s(self) -> float:
+        """When it was last known where it is."""
+        return max(self.seen_s, self.told_s)
 
     def foretell(self, t_s: float, shift_px: tuple[float, float], passed: tuple[float, float]) -> None:
         """To the time of the next frame (`Motion.predict`)."""
@@ -72,17 +85,28 @@ class Target:
         for motion in motions:
             motion.predict(dt_s, shift_px, passed)
 
-    def may_be(self, body: Extent, roll_rad: float, within: float = NEAR, unseen_s: float = 0.0) -> bool:
-        """Whether this may be the target, by place and height.
+    def may_be(self, body: Extent, roll_rad: float) -> bool:
+        """Whether this may be the target, who was seen a moment ago, by place and height.
 
         Args:
             body: seen.
             roll_rad: of the camera.
-            within: how far from where it is expected, in body heights.
-            unseen_s: how long its height has not been measured.
         """
+        return self._fits(body, roll_rad, NEAR, _SAME_HEIGHT + self.motion.size_sigma)
+
+    def may_be_again(self, body: Extent, roll_rad: float, hidden_s: float) -> bool:
+        """Whether this may be the target, who was out of sight, by place and height.
+
+        Args:
+            body: seen.
+            roll_rad: of the camera.
+            hidden_s: for how long.
+        """
+        room = _SAME_HEIGHT_AGAIN + max(_GROWTH * hidden_s, self.motion.size_sigma)
+        return self._fits(body, roll_rad, _REACH[0] + _REACH[1] * hidden_s, room)
+
+    def _fits(self, body: Extent, roll_rad: float, within: float, room: float) -> bool:
         height = self.motion.height_px
-        room = _SAME_HEIGHT + max(_GROWTH * unseen_s, self.motion.size_sigma)
         smallest = room if body.whole else _HALF_HEIGHT
         if not -smallest < np.log(body.height_px / height) < room:
             return False

@@ -40,8 +40,6 @@ _SAME_LOOKS_ALONE = 0.4
 """The same for who was followed until now with nobody near: a part may be in the shade, or half out of the picture."""
 _ALONE_S = 1.5
 """How long nobody else must have been near."""
-_CUT_OFF_SIZE_SIGMA = 0.3
-"""Of the log of the height of who is cut off by the picture at first: much of it is a guess."""
 _SURE_LOOKS = 0.75
 """Likeness from which on the memory of the colours follows the light."""
 _GOOD_MATCH = 0.7
@@ -123,7 +121,7 @@ class Tracker:
         hog = self._eyes.centre(window, NEAR)
         if hog is not None:
             window = _upright(frame.image, window.to_frame(hog.x_px, float(_MIDDLE[1])), height, roll)
-        size_sigma = _CUT_OFF_SIZE_SIGMA if cut_off else noise.HEIGHT_SIGMA
+        size_sigma = noise.CUT_OFF_SIZE_SIGMA if cut_off else noise.HEIGHT_SIGMA
         motion = Motion(window.to_frame(*_MIDDLE), height, noise.SIDEWAYS_SIGMA, size_sigma)
         self._target = Target(
             t_s=frame.t_s,
@@ -190,12 +188,12 @@ class Tracker:
         others = [b for b in bodies if b is not body]
         target.crowded = any(beside(b, expected, height) for b in others)
         target.company_s = frame.t_s if others else target.company_s
-        if body is None:
-            return False
         others = [
             b for b in others if may_be_taken_for(b, height) and self._alike(frame, target, b, roll) > _SAME_LOOKS
         ]
         target.other = seen_again(target.other, others, target.motion, frame.t_s, roll)
+        if body is None:
+            return False
         stretched = body.whole and target.stretched(body, roll)
         target.cut_off = stretched or not body.whole
         middle = replace(body, feet_visible=False).middle(height, roll) if stretched else body.middle(height, roll)
@@ -211,9 +209,11 @@ class Tracker:
         return True
 
     def _alike(self, frame: Frame, target: Target, body: Extent, roll: float) -> float:
-        """How much somebody looks like the target."""
-        window = _upright(frame.image, body.centre, body.height_px, roll)
-        return likeness(colours(window, _MIDDLE, _BODY), target.looks)
+        """How much somebody looks like the target; where the other end of who is cut off would be is a guess."""
+        seen = colours(_around(frame.image, target, body, roll), _MIDDLE, _BODY)
+        if not body.whole and body.head_visible != body.feet_visible:
+            seen[1 if body.head_visible else 0] = 0.0
+        return likeness(seen, target.looks)
 
     def _correlate(self, frame: Frame, target: Target, window: Window) -> bool:
         """Head and shoulders by correlation with the last frames: a bridge over frames that no detector understands."""
@@ -236,31 +236,29 @@ class Tracker:
         """Somebody of the same looks is about to cover the target: whoever is seen next may be the other one."""
         target.met_s = frame.t_s
         target.motion.vanish()
+        if target.other is not None:
+            target.other.motion.vanish()
         return self._coast(frame, target, 0.0)
 
     def _coast(self, frame: Frame, target: Target, score: float) -> Track:
         target.returning = 0
-        if frame.t_s - target.seen_s > COASTING_S:
+        if frame.t_s - target.known_s > COASTING_S:
             self._lost = True
             return self._track(frame, target, "lost", score)
         return self._track(frame, target, "coasting", score)
 
     def _look_for(self, frame: Frame, target: Target, roll: float) -> Track:
         """Look for somebody of the target's looks and size near where the target should be by now."""
-        hidden_s = frame.t_s - target.seen_s
+        hidden_s = frame.t_s - target.known_s
         height = target.motion.height_px
         _, bodies = self._eyes.bodies(frame.image, _pair(target.motion.pixel), height, roll, wide=True)
-        # Who walks 1.5 m/s gets 0.85 body heights further in a second.
-        reach = 0.2 + 0.85 * hidden_s
         if frame.t_s - target.met_s < COASTING_S:
             bodies = self._after_meeting(frame, target, bodies, roll)
         best: tuple[float, Extent, Window, float] | None = None
         for body in bodies:
-            # Who fills the picture from top to bottom: their middle is as good as anywhere.
-            middle = body.middle(height, roll) or body.centre
-            if not body.sides_visible or not target.may_be(body, roll, reach, hidden_s):
+            if not body.sides_visible or not target.may_be_again(body, roll, hidden_s):
                 continue
-            window = _upright(frame.image, middle, body.height_px if body.whole else height, roll)
+            window = _around(frame.image, target, body, roll)
             alike = likeness(colours(window, _MIDDLE, _BODY), target.looks)
             hog = self._eyes.centre(window, NEAR)
             # A body half behind something: the two detectors do not agree about its middle.
@@ -286,6 +284,8 @@ class Tracker:
         target.template = Template.cut(window.image, place, _BODY, frame.t_s)
         target.earlier_s = target.seen_s = target.agreed_s = frame.t_s
         target.returning = 0
+        if target.other is not None and target.other.belied(target.motion, frame.t_s):
+            target.other = None
         target.cut_off = not body.whole
         target.whole_s = frame.t_s
         if not target.cut_off:
@@ -295,11 +295,13 @@ class Tracker:
     def _after_meeting(self, frame: Frame, target: Target, bodies: list[Extent], roll: float) -> list[Extent]:
         """The target among people of its looks, or nobody while it could be either."""
         alike = [b for b in bodies if self._alike(frame, target, b, roll) > _SAME_LOOKS]
-        found = told_apart(alike, target.motion, target.other, frame.t_s, target.seen_s, roll)
+        found = told_apart(alike, target.motion, target.other, frame.t_s, target.known_s, roll)
         if found is None:
             return []
         if target.other is not None and found.other is not None:
-            target.other.see(found.other, frame.t_s, roll)
+            target.other.see(found.other, frame.t_s, roll, alone=found.apart)
+        if not found.apart and target.motion.see_box(found.target, roll):
+            target.met_s = target.told_s = frame.t_s
         return [found.target] if found.apart else []
 
     def _track(self, frame: Frame, target: Target, state: TrackState, score: float) -> Track:
@@ -321,6 +323,13 @@ class Tracker:
 
 def _upright(image: Image, centre: tuple[float, float] | Vector, height: float, roll: float) -> Window:
     return cut_window(image, _pair(centre), height, _BODY, WindowedHog.SIZE, roll)
+
+
+def _around(image: Image, target: Target, body: Extent, roll: float) -> Window:
+    """The window of somebody who may be the target."""
+    height = body.tall(target.motion.height_px)
+    # Who fills the picture from top to bottom: their middle is as good as anywhere.
+    return _upright(image, body.middle(height, roll) or body.centre, height, roll)
 
 
 def _pair(point: tuple[float, float] | Vector) -> tuple[float, float]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from mission.records import Box
@@ -26,7 +28,7 @@ def target() -> Motion:
 
 def walked(first_px: float, last_px: float, frames: int = 10, height: float = HEIGHT) -> Other:
     """Somebody seen on their way, last at 0 s."""
-    other = Other.at(body(first_px, height), -frames * FRAME_S, 0.0)
+    other = Other.at(body(first_px, height), target(), -frames * FRAME_S, 0.0)
     for k in range(1, frames + 1):
         other.motion.predict(FRAME_S, (0.0, 0.0))
         other.see(body(first_px + (last_px - first_px) * k / frames, height), (k - frames) * FRAME_S, 0.0)
@@ -40,7 +42,14 @@ def later(motion: Motion, after_s: float) -> None:
 
 @pytest.mark.parametrize(("aside_px", "met"), [(40.0, True), (-40.0, True), (90.0, False)])
 def test_people_meet_when_they_are_about_to_cover_each_other(aside_px: float, met: bool) -> None:
-    assert Other.at(body(X + aside_px), 0.0, 0.0).meets(target(), 0.0) is met
+    assert walked(X + aside_px, X + aside_px).meets(target(), 0.0) is met
+
+
+def test_what_is_taken_for_somebody_only_once_meets_nobody() -> None:
+    tree = Other.at(body(X + 40.0), target(), 0.0, 0.0)
+    assert not tree.meets(target(), 0.0)
+    tree.see(body(X + 40.0), FRAME_S, 0.0)
+    assert tree.meets(target(), FRAME_S)
 
 
 def test_somebody_who_is_seen_no_more_meets_the_target_where_they_should_be_by_now() -> None:
@@ -97,7 +106,7 @@ def test_where_the_other_one_should_be_tells_what_the_target_s_place_alone_does_
         return None if found is None else found.target
 
     assert told(walked(250.0, 310.0)) is mine
-    standing = Other.at(body(X + 8.0), 0.0, 0.0)
+    standing = Other.at(body(X + 8.0), target(), 0.0, 0.0)
     assert told(standing) is None, "it could be either"
 
 
@@ -107,9 +116,9 @@ def test_somebody_alone_may_hide_the_target_unless_the_other_one_is_elsewhere_or
         return None if found is None else found.target
 
     mine = body()
-    assert told(Other.at(body(X + 12.0), 0.0, 0.0), mine) is None
-    assert told(Other.at(body(X + 120.0), 0.0, 0.0), mine) is mine
-    taller = Other.at(body(X + 12.0, height=280.0), 0.0, 0.0)
+    assert told(Other.at(body(X + 12.0), target(), 0.0, 0.0), mine) is None
+    assert told(Other.at(body(X + 120.0), target(), 0.0, 0.0), mine) is mine
+    taller = Other.at(body(X + 12.0, height=280.0), target(), 0.0, 0.0)
     assert told(taller, mine) is mine
     assert told(taller, body(height=280.0)) is None, "the other one"
 
@@ -122,3 +131,48 @@ def test_a_foretold_place_is_believed_less_and_less() -> None:
     later(expected, 2.0)
     later(other.motion, 2.0)
     assert told_apart(bodies, expected, other, 2.0, 0.0, 0.0) is None
+
+
+def test_all_may_be_astray_together_when_the_camera_turned_more_than_was_told() -> None:
+    def told(astray_px: float, others_px: float) -> Extent | None:
+        expected, other = target(), walked(X + 120.0, X + 120.0)
+        for motion in (expected, other.motion):
+            later(motion, 0.5)
+        found = told_apart([mine(astray_px), body(X + 120.0 + others_px)], expected, other, 0.5, 0.0, 0.0)
+        return None if found is None else found.target
+
+    def mine(astray_px: float) -> Extent:
+        return body(X + astray_px)
+
+    assert told(0.0, 0.0) == mine(0.0)
+    assert told(-50.0, -50.0) == mine(-50.0)
+    assert told(50.0, -50.0) is None, "each astray by itself"
+    assert told(-90.0, -90.0) is None, "the passer is nearer to where the target should be"
+
+
+def test_who_is_cut_off_by_the_picture_is_at_least_as_tall_as_what_is_seen() -> None:
+    def cut_off(height: float) -> Extent:
+        return replace(body(X + 60.0, height), feet_visible=False)
+
+    assert Other.at(cut_off(120.0), target(), 0.0, 0.0).motion.height_px == pytest.approx(HEIGHT)
+    other = Other.at(cut_off(300.0), target(), 0.0, 0.0)
+    assert other.motion.height_px == pytest.approx(300.0)
+    assert other.motion.pixel == pytest.approx([X + 60.0, 240.0])
+    other.see(cut_off(400.0), FRAME_S, 0.0)
+    assert other.motion.height_px > 380.0
+    other.see(cut_off(200.0), 2 * FRAME_S, 0.0)
+    assert other.motion.height_px > 380.0
+
+
+def test_a_box_that_may_hold_two_does_not_say_how_tall_somebody_is() -> None:
+    other = walked(X + 60.0, X + 60.0)
+    other.see(body(X + 50.0, 300.0), FRAME_S, 0.0, alone=False)
+    assert other.motion.height_px == pytest.approx(HEIGHT)
+    assert other.motion.pixel[0] < X + 60.0
+
+
+def test_who_is_neither_seen_nor_hidden_behind_the_target_is_belied() -> None:
+    beside, behind = walked(X + 90.0, X + 90.0), walked(X + 30.0, X + 30.0)
+    assert not beside.belied(target(), 0.0), "just seen"
+    assert beside.belied(target(), FRAME_S)
+    assert not behind.belied(target(), FRAME_S)

@@ -62,10 +62,26 @@ def test_half_a_body_may_be_the_target_by_its_visible_end() -> None:
     assert not target().may_be(body(top=230.0, bottom=460.0, head=False), 0.0), "feet far too low"
 
 
+def around(height: float) -> Extent:
+    return body(top=240.0 - 0.5 * height, bottom=240.0 + 0.5 * height)
+
+
 def test_a_height_may_have_changed_while_it_was_not_seen() -> None:
-    nearer = body(top=240.0 - 140.0, bottom=240.0 + 140.0)
-    assert not target().may_be(nearer, 0.0)
-    assert target().may_be(nearer, 0.0, unseen_s=1.0)
+    assert not target().may_be(around(280.0), 0.0)
+    assert not target().may_be_again(around(280.0), 0.0, hidden_s=0.6), "1.4 times as tall: somebody nearer"
+    assert target().may_be_again(around(280.0), 0.0, hidden_s=1.5)
+
+
+def test_who_comes_back_must_be_about_as_tall_where_a_box_may_be_wrong_for_a_moment() -> None:
+    assert target().may_be(around(250.0), 0.0)
+    assert not target().may_be_again(around(250.0), 0.0, hidden_s=0.2)
+    assert target().may_be_again(around(225.0), 0.0, hidden_s=0.2)
+
+
+def test_who_comes_back_may_have_gone_on() -> None:
+    aside = body(x=PLACE[0] + 0.5 * HEIGHT)
+    assert not target().may_be_again(aside, 0.0, hidden_s=0.1)
+    assert target().may_be_again(aside, 0.0, hidden_s=0.5)
 
 
 def test_a_shadow_at_the_feet_is_told_from_a_person_who_comes_nearer() -> None:
