@@ -24,7 +24,7 @@ _SURELY_SOMEBODY = 0.4
 _SAME_PLACE = 0.4
 """Somebody this far from where somebody was expected, in body heights, may still be them."""
 _LOOKS = 2
-"""In how many looks somebody must have been seen: a tree is taken for somebody once, now and then."""
+"""In how many looks somebody must have been seen beside the target: a tree is taken for somebody once, now and then."""
 _STILL_THERE_S = 1.0
 """How long somebody who is not seen any more is believed to be about to cover the target, or behind them."""
 _PLACE_SIGMA = 0.06
@@ -46,7 +46,7 @@ class Other:
     motion: Motion
     seen_s: float
     looks: int = 1
-    """In how many they were seen."""
+    """In how many they were seen beside the target."""
 
     @classmethod
     def at(cls, body: Extent, target: Motion, t_s: float, roll_rad: float) -> Other:
@@ -70,7 +70,6 @@ class Other:
         if alone and (body.whole or body.height_px > self.motion.height_px):
             self.motion.see_height(body.height_px, noise.HEIGHT_SIGMA)
         self.seen_s = t_s
-        self.looks += 1
 
     def meets(self, target: Motion, t_s: float) -> bool:
         """Whether they should be about to cover the target by now, or to be covered, seen or not."""
@@ -92,7 +91,12 @@ def may_be_taken_for(body: Extent, height_px: float) -> bool:
 
 
 def seen_again(
-    other: Other | None, bodies: Sequence[Extent], target: Motion, t_s: float, roll_rad: float
+    other: Other | None,
+    bodies: Sequence[Extent],
+    target: Motion,
+    t_s: float,
+    roll_rad: float,
+    own: Extent | None = None,
 ) -> Other | None:
     """The way of the other one, with what a frame shows of people of the target's looks.
 
@@ -102,16 +106,19 @@ def seen_again(
         target: as foretold.
         t_s: the frame's time.
         roll_rad: of the camera.
+        own: the target in this frame, where it is seen.
     """
     if not bodies:
         return other
     about = target if other is None else other.motion
     height = about.height_px
     body = min(bodies, key=lambda b: away(b, about.pixel, height, roll_rad))
+    place, width = (float(target.pixel[0]), target.height_px) if own is None else (own.centre[0], own.height_px)
+    beside = abs(body.centre[0] - place) > _BESIDE * width
     if other is None or away(body, about.pixel, height, roll_rad) > _SAME_PLACE * height:
-        aside = abs(body.centre[0] - float(target.pixel[0]))
-        return Other.at(body, target, t_s, roll_rad) if aside > _BESIDE * target.height_px else other
+        return Other.at(body, target, t_s, roll_rad) if beside else other
     other.see(body, t_s, roll_rad)
+    other.looks += beside
     return other
 
 

@@ -191,7 +191,7 @@ class Tracker:
         others = [
             b for b in others if may_be_taken_for(b, height) and self._alike(frame, target, b, roll) > _SAME_LOOKS
         ]
-        target.other = seen_again(target.other, others, target.motion, frame.t_s, roll)
+        target.other = seen_again(target.other, others, target.motion, frame.t_s, roll, body)
         if body is None:
             return False
         stretched = body.whole and target.stretched(body, roll)

@@ -32,6 +32,7 @@ def walked(first_px: float, last_px: float, frames: int = 10, height: float = HE
     for k in range(1, frames + 1):
         other.motion.predict(FRAME_S, (0.0, 0.0))
         other.see(body(first_px + (last_px - first_px) * k / frames, height), (k - frames) * FRAME_S, 0.0)
+        other.looks += 1
     return other
 
 
@@ -46,10 +47,22 @@ def test_people_meet_when_they_are_about_to_cover_each_other(aside_px: float, me
 
 
 def test_what_is_taken_for_somebody_only_once_meets_nobody() -> None:
-    tree = Other.at(body(X + 40.0), target(), 0.0, 0.0)
+    tree = seen_again(None, [body(X + 40.0)], target(), 0.0, 0.0)
+    assert tree is not None
     assert not tree.meets(target(), 0.0)
-    tree.see(body(X + 40.0), FRAME_S, 0.0)
+    tree = seen_again(tree, [body(X + 40.0)], target(), FRAME_S, 0.0)
+    assert tree is not None
     assert tree.meets(target(), FRAME_S)
+
+
+def test_a_second_box_on_the_target_itself_is_nobody_wherever_the_target_was_foretold() -> None:
+    own, second = body(X + 30.0), body(X + 45.0, 180.0, score=0.45)
+    assert seen_again(None, [second], target(), 0.0, 0.0) is not None
+    assert seen_again(None, [second], target(), 0.0, 0.0, own) is None
+    other = seen_again(None, [second], target(), 0.0, 0.0)
+    other = seen_again(other, [second], target(), FRAME_S, 0.0, own)
+    assert other is not None
+    assert not other.meets(target(), FRAME_S)
 
 
 def test_somebody_who_is_seen_no_more_meets_the_target_where_they_should_be_by_now() -> None:
