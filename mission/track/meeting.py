@@ -21,6 +21,10 @@ _BESIDE = 0.15
 itself (without its feet, with an arm) is likelier than somebody who came from nowhere."""
 _SURELY_SOMEBODY = 0.4
 """Score from which on a body is believed to be somebody else."""
+_OVERLAPPING = 0.1
+"""Overlap (intersection over union) of two boxes from which on one may be a second box on the same body."""
+_SURELY_OVERLAPPING = 0.5
+"""Score from which on it is believed to be somebody else all the same."""
 _SAME_PLACE = 0.4
 """Somebody this far from where somebody was expected, in body heights, may still be them."""
 _LOOKS = 2
@@ -113,13 +117,21 @@ def seen_again(
     about = target if other is None else other.motion
     height = about.height_px
     body = min(bodies, key=lambda b: away(b, about.pixel, height, roll_rad))
-    place, width = (float(target.pixel[0]), target.height_px) if own is None else (own.centre[0], own.height_px)
-    beside = abs(body.centre[0] - place) > _BESIDE * width
+    beside = _beside(body, target, own)
     if other is None or away(body, about.pixel, height, roll_rad) > _SAME_PLACE * height:
         return Other.at(body, target, t_s, roll_rad) if beside else other
     other.see(body, t_s, roll_rad)
     other.looks += beside
     return other
+
+
+def _beside(body: Extent, target: Motion, own: Extent | None) -> bool:
+    """Whether a body is somebody else, and no second box on the target itself."""
+    if own is None:
+        return abs(body.centre[0] - float(target.pixel[0])) > _BESIDE * target.height_px
+    if body.score < _SURELY_OVERLAPPING and body.box.overlap(own.box) > _OVERLAPPING:
+        return False
+    return abs(body.centre[0] - own.centre[0]) > _BESIDE * own.height_px
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,6 +65,12 @@ def test_a_second_box_on_the_target_itself_is_nobody_wherever_the_target_was_for
     assert not other.meets(target(), FRAME_S)
 
 
+@pytest.mark.parametrize(("score", "somebody"), [(0.45, False), (0.7, True)])
+def test_who_overlaps_the_target_is_somebody_else_if_the_detector_is_sure(score: float, somebody: bool) -> None:
+    seen = seen_again(None, [body(X + 40.0, score=score)], target(), 0.0, 0.0, body())
+    assert (seen is not None) is somebody
+
+
 def test_somebody_who_is_seen_no_more_meets_the_target_where_they_should_be_by_now() -> None:
     other = walked(480.0, 400.0)
     assert not other.meets(target(), 0.0)
