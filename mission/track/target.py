@@ -9,8 +9,8 @@ import numpy as np
 from mission.records import Vector
 from mission.track.appearance import Histogram
 from mission.track.measure import Extent, away
-from mission.track.meeting import Other
 from mission.track.motion import Motion
+from mission.track.other import Other
 from mission.track.template import Template
 
 NEAR = 0.25

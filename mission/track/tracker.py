@@ -23,8 +23,9 @@ from mission.records import Box, Frame, Image, Vector
 from mission.track import noise
 from mission.track.appearance import adapted, colours, likeness
 from mission.track.measure import Extent, Eyes, away
-from mission.track.meeting import may_be_taken_for, seen_again, told_apart
+from mission.track.meeting import told_apart
 from mission.track.motion import Motion
+from mission.track.other import may_be_taken_for, seen_again
 from mission.track.target import NEAR, Target, beside
 from mission.track.template import Template
 from mission.track.track import Track, TrackState
