@@ -35,6 +35,8 @@ class Extent:
     """The same for the left and right sides."""
     box: Box
     """In window pixels."""
+    window_cuts: bool = False
+    """A side that is not the body's is the window's edge, beyond which the picture goes on."""
 
     @property
     def whole(self) -> bool:
@@ -114,6 +116,8 @@ class Eyes:
         for found in self._nanodet.bodies(window.image):
             box = found.box
             x, y = box.centre_px
+            above, below = (x, box.top_px - margin), (x, box.bottom_px + margin)
+            beside = (box.left_px - margin, y), (box.right_px + margin, y)
             answer.append(
                 Extent(
                     window.to_frame(x, y),
@@ -121,16 +125,33 @@ class Eyes:
                     window.to_frame(x, box.bottom_px),
                     box.height_px / window.scale,
                     found.score,
-                    _shows(window, x, box.top_px - margin),
-                    _shows(window, x, box.bottom_px + margin),
-                    _shows(window, box.left_px - margin, y) and _shows(window, box.right_px + margin, y),
+                    _shows(window, *above),
+                    _shows(window, *below),
+                    all(_shows(window, *side) for side in beside),
                     box,
+                    any(not _holds(window, *side) and window.shows(*side) for side in (above, below, *beside)),
                 )
             )
         return window, answer
 
+    def entire(self, image: Image, body: Extent, roll_rad: float) -> Extent:
+        """A body again, in a window around what is seen of it; where it is not found there, as it was.
+
+        Args:
+            image: the frame, BGR.
+            body: seen in a window that was meant for another height or place.
+            roll_rad: of the camera.
+        """
+        _, bodies = self.bodies(image, body.centre, body.height_px, roll_rad)
+        same = [b for b in bodies if float(np.hypot(*np.subtract(b.centre, body.centre))) < 0.25 * body.height_px]
+        return max(same, key=lambda b: b.score, default=body)
+
+
+def _holds(window: Window, x: float, y: float) -> bool:
+    height, width = window.image.shape[:2]
+    return bool(0.0 <= x <= width and 0.0 <= y <= height)
+
 
 def _shows(window: Window, x: float, y: float) -> bool:
     """Whether the point is in the window and in the picture."""
-    height, width = window.image.shape[:2]
-    return 0.0 <= x <= width and 0.0 <= y <= height and window.shows(x, y)
+    return _holds(window, x, y) and window.shows(x, y)

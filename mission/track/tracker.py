@@ -195,6 +195,8 @@ class Tracker:
         target.other = seen_again(target.other, others, target.motion, frame.t_s, roll, body)
         if body is None:
             return False
+        if body.window_cuts:
+            body = self._eyes.entire(frame.image, body, roll)
         stretched = body.whole and target.stretched(body, roll)
         target.cut_off = stretched or not body.whole
         middle = replace(body, feet_visible=False).middle(height, roll) if stretched else body.middle(height, roll)
