@@ -23,7 +23,7 @@ from mission.drones.drone import Bounds, Drone
 from mission.errors import FlightEnded, LinkError, VideoError
 from mission.flight_loop import FlightLoop
 from mission.pattern import legs, paper_path
-from mission.pose import Pose, heading
+from mission.pose import Pose, PoseAt, heading
 from mission.records import CameraIntrinsics, Frame, Image, Vector
 from mission.video import VideoSource
 
@@ -150,28 +150,7 @@ class WallFlights:
             raise LinkError("the aircraft did not say when the pattern began", "Try again.")
         run = WallRun(order.started_s, np.array(times), tuple(sights))
         # Beside the loop: the aircraft holds when the program is silent for half a second.
-        return self._loop.meanwhile(partial(self._flight, run, start_m, side))
-
-    def _flight(self, run: WallRun, start_m: Vector, side: Vector) -> WallFlight:
-        stamped = run.times_s - self._delay_s(run.times_s, run.sights, start_m, side)
-        return WallFlight(travel_of(replace(run, times_s=stamped)), self._reckoned(run.started_s))
-
-    def _delay_s(self, times_s: Vector, sights: Sequence[WallSight], start_m: Vector, side: Vector) -> float:
-        """Of the video against the poses: nobody tells the camera's latency to better than a tenth of a second."""
-        if not sights:
-            return 0.0
-        asked = np.arange(times_s[0] - DELAYS_S[1], times_s[-1] - DELAYS_S[0], _POSE_STEP_S)
-        poses = [self._drone.pose_at(float(t_s)) for t_s in asked]
-        reckoned = [math.nan if pose is None else float((pose.position_enu_m - start_m) @ side) for pose in poses]
-        return video_delay(times_s, np.array([sight.position_m[0] for sight in sights]), asked, np.array(reckoned))
-
-    def _reckoned(self, started_s: float) -> Vector:
-        places = []
-        for k in range(IMAGES):
-            pose = self._drone.pose_at(started_s + k * INTERVAL_S)
-            places.append(np.full(2, np.nan) if pose is None else pose.position_enu_m[:2])
-        moved: Vector = np.linalg.norm(np.array(places) - places[0], axis=1)
-        return moved
+        return self._loop.meanwhile(partial(_flown, run, self._drone.poses(), start_m, side))
 
     def _back(self, side: Vector, start_m: Vector) -> None:
         far_m = float((self._drone_pose().position_enu_m - start_m) @ side)
@@ -213,3 +192,27 @@ class WallFlights:
                 if pose is not None:
                     return pose
         raise FlightEnded("the aircraft does not tell where it is", "Check the link.")
+
+
+def _flown(run: WallRun, pose_at: PoseAt, start_m: Vector, side: Vector) -> WallFlight:
+    stamped = run.times_s - _delay_s(run.times_s, run.sights, pose_at, start_m, side)
+    return WallFlight(travel_of(replace(run, times_s=stamped)), _reckoned(run.started_s, pose_at))
+
+
+def _delay_s(times_s: Vector, sights: Sequence[WallSight], pose_at: PoseAt, start_m: Vector, side: Vector) -> float:
+    """Of the video against the poses: nobody tells the camera's latency to better than a tenth of a second."""
+    if not sights:
+        return 0.0
+    asked = np.arange(times_s[0] - DELAYS_S[1], times_s[-1] - DELAYS_S[0], _POSE_STEP_S)
+    poses = [pose_at(float(t_s)) for t_s in asked]
+    reckoned = [math.nan if pose is None else float((pose.position_enu_m - start_m) @ side) for pose in poses]
+    return video_delay(times_s, np.array([sight.position_m[0] for sight in sights]), asked, np.array(reckoned))
+
+
+def _reckoned(started_s: float, pose_at: PoseAt) -> Vector:
+    places = []
+    for k in range(IMAGES):
+        pose = pose_at(started_s + k * INTERVAL_S)
+        places.append(np.full(2, np.nan) if pose is None else pose.position_enu_m[:2])
+    moved: Vector = np.linalg.norm(np.array(places) - places[0], axis=1)
+    return moved

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
 from mission.drones.drone import Drone
@@ -113,8 +114,7 @@ class Centring:
         """Take the offset if it can be told well enough by now; if at all where nothing more is flown for it."""
         if self._meter is None:
             return False
-        meter = self._meter
-        offset = self._loop.meanwhile(lambda: meter.measure(self._drone.pose_at))
+        offset = self._loop.meanwhile(partial(self._meter.measure, self._drone.poses()))
         if offset is None or not (offset.settled or last):
             return False
         self._offset, self._meter = offset, None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 from mission.camera.camera import Camera
@@ -26,6 +26,7 @@ from mission.flight_record import PICTURES, FlightRecord
 from mission.located import Located, Stage, TargetChoice, Watcher
 from mission.pattern import fitted, lateral_path
 from mission.pointing import Pointing, TargetTracker
+from mission.pose import PoseAt
 from mission.records import FlightSightings, GeodeticOrigin, NoiseModel, TargetPrior
 from mission.reposition import follow_path
 from mission.settings import MissionSettings
@@ -39,6 +40,16 @@ BAD_LINK = 0.1
 """Fraction of lost packets that an operator whose target was lost should hear of."""
 LOCAL_ORIGIN = GeodeticOrigin(0.0, 0.0, 0.0)
 """Stands for an unknown place, for aircraft without a global position."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Told:
+    """What the aircraft had told when the pattern was over."""
+
+    pose_at: PoseAt
+    origin: GeodeticOrigin | None
+    noise: NoiseModel
+    """Of the reported pose at its own time."""
 
 
 class Locate:
@@ -126,7 +137,7 @@ class Locate:
                 if unconfirmed:
                     self._watcher.stage(Stage.HOLD, f"hold is not confirmed ({unconfirmed}): take over by hand")
             if self._unsaved is not None:  # after the hold: the disk may be slow
-                self._watcher.sightings(self._flight(self._unsaved))
+                self._watcher.sightings(self._flight(self._unsaved, self._told(), self._pointing.offset_s))
 
     def _hover(self) -> None:
         self._watcher.stage(Stage.HOVER, "taking control, hovering")
@@ -217,7 +228,9 @@ class Locate:
 
     def _estimate(self, record: FlightRecord) -> Located:
         self._watcher.stage(Stage.ESTIMATE, f"estimating from {len(record.seen)} frames")
-        located, ended = self._loop.through(partial(self._answer, record, self._loop.last_frame_s))
+        located, ended = self._loop.through(partial(self._answer, record, self._told(), self._loop.last_frame_s))
+        if located.offset is not None and located.offset.offset_s != self._pointing.offset_s:
+            self._pointing.trust(located.offset.offset_s)
         if ended is None:
             self._watcher.stage(Stage.REPORT, "reporting")
         else:
@@ -226,12 +239,16 @@ class Locate:
         _, afterwards = self._loop.through(partial(self._watcher.located, located))
         return located if ended is not None or afterwards is None else replace(located, ended=afterwards.cause)
 
-    def _answer(self, record: FlightRecord, last_frame_s: float) -> Located:
-        if self._offset.measure_again(self._drone.pose_at) and self._offset.found is not None:
-            self._pointing.trust(self._offset.found.offset_s)
+    def _told(self) -> Told:
+        return Told(self._drone.poses(), self._drone.origin, self._drone.noise())
+
+    def _answer(self, record: FlightRecord, told: Told, last_frame_s: float) -> Located:
+        """In a thread of its own: the aircraft itself is not asked, since only the flight's loop speaks to it."""
         offset_s = self._pointing.offset_s
-        steadied = record.steadied(self._drone.pose_at, offset_s, self._pose_noise())
-        flight = self._flight(record, steadied)
+        if self._offset.measure_again(told.pose_at) and self._offset.found is not None:
+            offset_s = self._offset.found.offset_s
+        steadied = record.steadied(told.pose_at, offset_s, self._pose_noise(told.noise))
+        flight = self._flight(record, told, offset_s, steadied)
         flight = replace(supported(flight, steadied=steadied.reason is None), continues=self._before)
         self._before = flight.id
         self._watcher.sightings(flight)
@@ -247,29 +264,24 @@ class Locate:
             flight=flight,
             estimate=estimate,
             comparisons=tuple(comparisons),
-            geodetic=self._drone.origin is not None,
+            geodetic=told.origin is not None,
             offset=self._offset.found,
-            drone_track=record.drone_track(self._drone.pose_at, self._pointing.offset_s),
+            drone_track=record.drone_track(told.pose_at, offset_s),
             key_frames=tuple(record.key_frames),
             target_picture=record.target_picture(),
             last_frame_s=last_frame_s,
             steadied=steadied,
-            as_reported=self._flight(record) if steadied.reason is None else None,
+            as_reported=self._flight(record, told, offset_s) if steadied.reason is None else None,
         )
 
-    def _flight(self, record: FlightRecord, steadied: Steadied | None = None) -> FlightSightings:
-        return record.sightings(
-            self._drone.origin or LOCAL_ORIGIN,
-            self._drone.pose_at,
-            self._pointing.offset_s,
-            self._pose_noise(),
-            self._prior,
-            steadied,
-        )
+    def _flight(
+        self, record: FlightRecord, told: Told, offset_s: float, steadied: Steadied | None = None
+    ) -> FlightSightings:
+        noise = self._pose_noise(told.noise)
+        return record.sightings(told.origin or LOCAL_ORIGIN, told.pose_at, offset_s, noise, self._prior, steadied)
 
-    def _pose_noise(self) -> NoiseModel:
+    def _pose_noise(self, noise: NoiseModel) -> NoiseModel:
         """Of the reported pose at a frame's time."""
-        noise = self._drone.noise()
         if self._offset.found is not None:
             return offset_uncertain(noise, self._offset.found.sigma_s)
         if self._settings.video.latency_s is None and not self._camera.latency_s:

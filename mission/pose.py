@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,10 @@ class Pose:
     """(3, 3)."""
     attitude_covariance_rad2: Matrix
     """(3, 3), about the body's forward, right and down axes."""
+
+
+PoseAt = Callable[[float], Pose | None]
+"""The pose at a program time; None where it is not known."""
 
 
 class PoseBuffer:
@@ -65,6 +70,14 @@ class PoseBuffer:
             return False
         with self._lock:
             return self._attitudes.add(t_s, np.asarray(world_from_body_wxyz, np.float64) / norm)
+
+    def snapshot(self) -> PoseBuffer:
+        """A copy that nothing is added to any more."""
+        copy = PoseBuffer(self._max_gap_s)
+        with self._lock:
+            copy._positions = self._positions.copy()
+            copy._attitudes = self._attitudes.copy()
+        return copy
 
     def clear(self) -> None:
         """Forget everything, for example after the remote clock was restarted."""
@@ -117,6 +130,11 @@ class _Stream:
             del self.times[:first]
             del self.values[:first]
         return True
+
+    def copy(self) -> _Stream:
+        copy = _Stream(self._keep_s, self._max)
+        copy.times, copy.values = list(self.times), list(self.values)
+        return copy
 
     def clear(self) -> None:
         self.times.clear()

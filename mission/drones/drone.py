@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Literal, Protocol
 
-from mission.pose import Pose
+from mission.pose import Pose, PoseAt
 from mission.records import GeodeticOrigin, NoiseModel
 
 Offset = tuple[float, float, float]
@@ -153,7 +153,10 @@ class Telemetry:
 
 
 class Drone(Protocol):
-    """One aircraft. Every method may be called from one thread; none raises for what the link sends."""
+    """One aircraft. Every method may be called from one thread; none raises for what the link sends.
+
+    Work in another thread gets what it needs handed in (`poses`, `origin`, `noise`) and does not call the drone.
+    """
 
     @property
     def name(self) -> str:
@@ -183,10 +186,11 @@ class Drone(Protocol):
         ...
 
     def keep_alive(self) -> None:
-        """Say that the program's own loop is alive; each other method does so, too.
+        """Say that the program's own loop is alive; `telemetry`, `events` and every order do so, too.
 
-        While it is flown by us the aircraft is stopped after 0.5 s without any call: call at 10 Hz or more, from the
-        loop whose hanging must stop the aircraft, never from a thread that outlives it.
+        While it is flown by us the aircraft is stopped after 0.5 s without any of them: call at 10 Hz or more, from the
+        loop whose hanging must stop the aircraft. Only the thread that called `begin` is that loop; from any other
+        thread this does nothing, since another thread would outlive a loop that hangs.
         """
         ...
 
@@ -196,6 +200,10 @@ class Drone(Protocol):
 
     def pose_at(self, t_s: float) -> Pose | None:
         """Pose at a program time, interpolated; None across gaps of more than 0.3 s or beyond the newest message."""
+        ...
+
+    def poses(self) -> PoseAt:
+        """`pose_at` as of now, for work in other threads: a snapshot that later messages do not change."""
         ...
 
     def noise(self) -> NoiseModel:

@@ -6,6 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path as FilePath
 from typing import Any
@@ -28,7 +29,8 @@ from mission.drones.url import mavsdk_url
 from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState, on_earth
 from mission.errors import LinkError
 from mission.geodesy import geodetic_to_enu
-from mission.pose import Pose, PoseBuffer, world_from_body
+from mission.pose import Pose, PoseAt, PoseBuffer, world_from_body
+from mission.pose_history import PoseHistory
 from mission.records import GeodeticOrigin, NoiseModel
 
 PILOT_MODULE = "mission.drones.pilot"
@@ -166,7 +168,7 @@ class MavlinkDrone(PilotedDrone):
         self._rates = None
 
     def keep_alive(self) -> None:
-        """Tell the pilot process that the program's loop is alive. Every other method does so, too."""
+        """Tell the pilot process that the program's loop is alive, and keep the poses coming."""
         super().keep_alive()
         if self._rates is not None:
             self._rates.keep(self._clock())
@@ -177,7 +179,6 @@ class MavlinkDrone(PilotedDrone):
         The position's covariance is the absolute one that the autopilot reports; what changes within a pattern is in
         `noise`.
         """
-        self.keep_alive()
         self._thinning.need(self._clock())
         with self._lock:
             if not self._boot.ready:
@@ -185,6 +186,14 @@ class MavlinkDrone(PilotedDrone):
             boot_s = self._boot.to_remote(t_s)
         pose = self._poses.at(boot_s, position_covariance(self._state), attitude_covariance(self._state))
         return None if pose is None else replace(pose, t_s=t_s)
+
+    def poses(self) -> PoseAt:
+        """`pose_at` as of now, for work in other threads."""
+        with self._lock:
+            boot = deepcopy(self._boot)
+        return PoseHistory(
+            self._poses.snapshot(), boot, position_covariance(self._state), attitude_covariance(self._state)
+        ).at
 
     def noise(self) -> NoiseModel:
         """How good the reported pose is within a pattern, see `mission.drones.pose_quality`."""

@@ -25,9 +25,9 @@ from mission.errors import LinkError
 class PilotedDrone(ABC):
     """An aircraft that a process of its own flies; how its messages come and become poses is the subclass's.
 
-    While we fly it, the program must call one of the methods (or `keep_alive`) at 10 Hz or more from its own loop:
-    after 0.5 s of silence the pilot process stops the aircraft. No thread does that in its place, since it would
-    outlive a loop that hangs.
+    While we fly it, the program must call `keep_alive`, `telemetry` or `events` at 10 Hz or more from its own loop:
+    after 0.5 s of silence the pilot process stops the aircraft. That loop is the thread that called `begin`. Calls from
+    other threads are no sign of life, since they would outlive a loop that hangs.
 
     Args:
         min_pose_rate_hz: the rate without which `connect` fails.
@@ -54,6 +54,8 @@ class PilotedDrone(ABC):
         self._lock = threading.Lock()
         self._pilot: PilotProcess | None = None
         self._ids = itertools.count(1)
+        self._loop_thread: int | None = None
+        """The thread whose silence stops the aircraft; None until it is flown."""
 
     @property
     def pilot_pid(self) -> int | None:
@@ -67,8 +69,8 @@ class PilotedDrone(ABC):
             self._pilot = None
 
     def keep_alive(self) -> None:
-        """Tell the pilot process that the program's loop is alive. Every other method does so, too."""
-        if self._pilot is not None:
+        """Tell the pilot process that the program's loop is alive; nothing from a thread that is not that loop."""
+        if self._pilot is not None and self._loop_thread in (None, threading.get_ident()):
             self._pilot.keep_alive()
 
     def telemetry(self) -> Telemetry:
@@ -98,6 +100,7 @@ class PilotedDrone(ABC):
         Raises:
             LinkError: not connected, or the pilot process is gone.
         """
+        self._loop_thread = threading.get_ident()
         if self._pilot is None or not self._pilot.send(Begin(bounds=bounds)):
             raise LinkError("the drone is not connected", "Connect first")
 

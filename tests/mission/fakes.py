@@ -18,7 +18,7 @@ from mission.drones.drone import (
     Path,
     Telemetry,
 )
-from mission.pose import Pose
+from mission.pose import Pose, PoseAt
 from mission.records import Box, CameraIntrinsics, Detection, Frame, GeodeticOrigin, Image, NoiseModel, Vector
 from mission.sighting import camera_position, world_from_camera
 from mission.track import Track
@@ -38,6 +38,17 @@ class FakeOrder:
     reason: str = ""
     started_s: float | None = None
     ended_s: float | None = None
+
+
+@dataclass(frozen=True)
+class PosesUntil:
+    """What is told of the past by now."""
+
+    t_s: float
+    pose_at: PoseAt
+
+    def at(self, t_s: float) -> Pose | None:
+        return None if t_s > self.t_s + 1e-6 else self.pose_at(t_s)
 
 
 @dataclass
@@ -74,6 +85,10 @@ class FakeDrone:
 
     def pose_at(self, t_s: float) -> Pose | None:
         return next((pose for pose in reversed(self._poses) if abs(pose.t_s - t_s) < 1e-6), None)
+
+    def poses(self) -> PoseAt:
+        known = PosesUntil(self.t_s, self.pose_at)
+        return known.at
 
     def keep_alive(self) -> None: ...
 

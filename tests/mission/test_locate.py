@@ -1,14 +1,16 @@
 import math
+import threading
 from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
-from mission.drones.drone import Path
+from mission.drones.drone import DroneEvent, Path, Telemetry
 from mission.errors import DetectionError, EstimateRefused, FlightEnded, FlightRefused, LinkError, VideoError
 from mission.locate import Locate
 from mission.located import Located, Stage, TargetChoice
-from mission.records import FlightSightings, Frame
+from mission.pose import Pose, PoseAt
+from mission.records import Box, FlightSightings, Frame, NoiseModel
 from mission.settings import MissionSettings
 from mission.track import Track
 from tests.mission.fakes import CAMERA, FakeDrone, FakeOrder, FakeVideo, Sight, Walker
@@ -254,3 +256,55 @@ def test_what_the_autopilot_would_do_is_said_before_the_flight() -> None:
     scene.drone.seize("caution", "should the pilot process die, PX4 lands")
     scene.run()
     assert "should the pilot process die, PX4 lands" in scene.notes.texts
+
+
+@dataclass
+class Owned(FakeDrone):
+    """Remembers which threads spoke to it."""
+
+    spoken_in: set[int] = field(default_factory=set)
+
+    def telemetry(self) -> Telemetry:
+        self.spoken_in.add(threading.get_ident())
+        return super().telemetry()
+
+    def pose_at(self, t_s: float) -> Pose | None:
+        self.spoken_in.add(threading.get_ident())
+        return super().pose_at(t_s)
+
+    def noise(self) -> NoiseModel:
+        self.spoken_in.add(threading.get_ident())
+        return super().noise()
+
+    def events(self) -> list[DroneEvent]:
+        self.spoken_in.add(threading.get_ident())
+        return super().events()
+
+    def poses(self) -> PoseAt:
+        self.spoken_in.add(threading.get_ident())
+        known = {pose.t_s: pose for pose in self._poses}
+        return lambda t_s: next((pose for at_s, pose in known.items() if abs(at_s - t_s) < 1e-6), None)
+
+
+class OutsideTheProgram(Sight):
+    """Stands for detector and tracker, and knows the truth of the aircraft without speaking to it."""
+
+    def _seen(self, t_s: float) -> tuple[Box, tuple[float, float]] | None:
+        before = self.drone
+        self.drone = FakeDrone(t_s=self.drone.t_s)
+        self.drone._poses = before._poses
+        try:
+            return super()._seen(t_s)
+        finally:
+            self.drone = before
+
+
+@pytest.mark.parametrize("check_offset", [False, True])
+def test_only_the_flights_own_loop_speaks_to_the_aircraft(check_offset: bool) -> None:
+    scene = Scene()
+    scene.drone = Owned()
+    scene.video.drone = scene.drone
+    scene.settings = MissionSettings.model_validate({"video": {"check_offset": check_offset}})
+    scene.sight = OutsideTheProgram(scene.drone, scene.walker)
+    scene.run()
+    assert scene.drone.spoken_in == {threading.get_ident()}

@@ -8,6 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path as FilePath
 
@@ -25,7 +26,8 @@ from mission.drones.limits import FlightSettings
 from mission.drones.loopback import loopback_socket
 from mission.drones.piloted_drone import PilotedDrone
 from mission.errors import LinkError
-from mission.pose import Pose, PoseBuffer
+from mission.pose import Pose, PoseAt, PoseBuffer
+from mission.pose_history import PoseHistory
 from mission.records import GeodeticOrigin, NoiseModel
 
 PILOT_MODULE = "mission.drones.ardrone.pilot"
@@ -137,7 +139,6 @@ class ARDrone(PilotedDrone):
 
     def pose_at(self, t_s: float) -> Pose | None:
         """Pose at a program time; None across gaps of more than 0.3 s or beyond the newest packet."""
-        self.keep_alive()
         with self._lock:
             if not self._drone_clock.ready:
                 return None
@@ -145,6 +146,13 @@ class ARDrone(PilotedDrone):
             place = position_covariance(self._reckoning)
         pose = self._poses.at(drone_s, place, attitude_covariance(self.noise()))
         return None if pose is None else replace(pose, t_s=t_s)
+
+    def poses(self) -> PoseAt:
+        """`pose_at` as of now, for work in other threads."""
+        with self._lock:
+            clock, place = deepcopy(self._drone_clock), position_covariance(self._reckoning)
+            poses = self._poses.snapshot()
+        return PoseHistory(poses, clock, place, attitude_covariance(self.noise())).at
 
     def noise(self) -> NoiseModel:
         """How good the reckoned pose is within a pattern, see `mission.drones.ardrone.pose_quality`."""
