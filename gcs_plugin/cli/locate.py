@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -17,7 +18,7 @@ from gcs_plugin.abort import Abort
 from gcs_plugin.answer import Answer, Times
 from gcs_plugin.flight_folder import FlightFolder
 from gcs_plugin.geotags import GeotagLog
-from gcs_plugin.locating import Equipment, Locating, open_camera
+from gcs_plugin.locating import Equipment, Locating, known_camera, open_camera
 from gcs_plugin.progress import Progress
 from mission.detect import make_detector
 from mission.drones.ardrone.url import is_ardrone
@@ -59,7 +60,33 @@ def register(app: typer.Typer) -> None:
         """
         chosen = _with_options(read_settings(settings), link, video, camera)
         choice = TargetChoice(_box(box), _point(point))
+        check_before_connecting(chosen, choice, take_off)
         _run(chosen, choice, take_off, land, Console(highlight=False))
+
+
+def check_before_connecting(settings: MissionSettings, choice: TargetChoice, take_off_m: float | None) -> None:
+    """What is wrong with the order whatever the aircraft says.
+
+    Raises:
+        SettingsError: the target or the take-off height is not one that can be flown.
+        CalibrationError: the camera file cannot be read.
+    """
+    known_camera(settings)
+    if choice.box is not None:
+        box = choice.box
+        sides = (box.left_px, box.top_px, box.width_px, box.height_px)
+        if not all(map(math.isfinite, sides)) or box.width_px <= 0.0 or box.height_px <= 0.0:
+            raise SettingsError("the box is empty", "Give LEFT,TOP,WIDTH,HEIGHT in pixels.")
+        if box.right_px <= 0.0 or box.bottom_px <= 0.0:
+            raise SettingsError("the box lies outside the picture", "Pixels count from the top left corner.")
+    if choice.point is not None and not all(math.isfinite(c) and c >= 0.0 for c in choice.point):
+        raise SettingsError("the point lies outside the picture", "Pixels count from the top left corner.")
+    limits = settings.limits
+    if take_off_m is not None and not limits.min_height_m <= take_off_m <= limits.max_height_m:
+        raise SettingsError(
+            f"the take-off height of {take_off_m:g} m is outside {limits.min_height_m:g} to {limits.max_height_m:g} m",
+            "Choose another height, or other limits.min_height_m and limits.max_height_m.",
+        )
 
 
 def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None, land: bool, console: Console) -> None:

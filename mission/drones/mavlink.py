@@ -129,7 +129,7 @@ class MavlinkDrone(PilotedDrone):
             flight=self._flight,
             sparing=self._sparing,
         )
-        system = self._start_pilot(config, sock, timeout_s + 2.0, PILOT_MODULE)
+        system = self._start_pilot(config, sock, timeout_s, PILOT_MODULE)
         self._state = VehicleState(system)
         self._thinning = Thinning(system, self._clock(), sparing=self._sparing)
         self._link = MavlinkLink(

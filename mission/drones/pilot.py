@@ -192,20 +192,31 @@ def _connect(config: PilotConfig) -> tuple[Mavsdk, System]:
         mavsdk = Mavsdk(Configuration.create_manual(own, MAVSDK_COMPONENT, True))
         try:
             mavsdk.add_any_connection_with_handle_and_forwarding(config.url, ForwardingOption.ON)
-        except MavsdkConnectionError as error:
-            mavsdk.destroy()
-            raise LinkError(f"cannot open {config.url} ({error})", "Check the address and who else uses it") from error
-        system = _wait_for_system(mavsdk, config.target_system, deadline)
-        if system is None:
+        except MavsdkConnectionError as refused:
             mavsdk.destroy()
             raise LinkError(
-                f"no autopilot is heard on {config.url}", "Check that the vehicle is on and sends to this address"
-            )
+                f"cannot open {config.url} ({refused})", "Check the address and who else uses it"
+            ) from refused
+        system = _wait_for_system(mavsdk, config.target_system, deadline)
+        if system is None:
+            error = _not_heard(config, [s.get_system_id() for s in mavsdk.get_systems() if s.has_autopilot()])
+            mavsdk.destroy()
+            raise error
         if system.get_system_id() == own:
             return mavsdk, system
         own = system.get_system_id()
         mavsdk.destroy()
     raise LinkError(f"the system id on {config.url} keeps changing", "Set target_system")
+
+
+def _not_heard(config: PilotConfig, heard: list[int]) -> LinkError:
+    if heard:
+        others = ", ".join(map(str, sorted(heard)))
+        return LinkError(
+            f"no autopilot with system id {config.target_system} is heard on {config.url}, only {others}",
+            "Set link.system to the vehicle's system id, or to 0 for the first that is heard",
+        )
+    return LinkError(f"no autopilot is heard on {config.url}", "Check that the vehicle is on and sends to this address")
 
 
 def _wait_for_system(mavsdk: Mavsdk, wanted: int, deadline_s: float) -> System | None:

@@ -3,7 +3,8 @@
 What stops the aircraft, from the outside in:
 
 - The program is silent for 0.5 s: hold (`Flight`).
-- The program's end of the pipe closes, or its process is gone: hold, then the pilot process ends.
+- The program's end of the pipe closes, or its process is gone: hold, then the pilot process ends; at once while it
+  still connects.
 - An exception here: hold, then the pilot process ends.
 - The pilot process's own loop hangs: a thread orders hold after 0.5 s and ends the process; should Python itself hang,
   the kernel's alarm ends it after 2 s. Its setpoints die with it, and the aircraft's own failsafe takes over.
@@ -96,7 +97,8 @@ def run(connect: Callable[[PilotPipe], Aircraft]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     pipe = PilotPipe(source, sink)
     try:
-        aircraft = connect(pipe)
+        with pipe.ends_with_program():
+            aircraft = connect(pipe)
     except (ValidationError, SidestepError) as error:
         cause, remedy = (error.cause, error.remedy) if isinstance(error, SidestepError) else (str(error), "")
         pipe.send(Failed(cause=cause, remedy=remedy))

@@ -8,12 +8,13 @@ import queue
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
-from mission.drones.pilot_protocol import MAX_LINE, FromPilot, ToPilot, decode_to_pilot, encode
+from mission.drones.pilot_protocol import MAX_LINE, FromPilot, Quit, ToPilot, decode_to_pilot, encode
 
 _HANG_S = 0.5
 _ALARM_S = 2.0
+_LOOK_S = 0.1
 
 
 class PilotPipe:
@@ -21,6 +22,7 @@ class PilotPipe:
 
     def __init__(self, source: int, sink: int) -> None:
         self.closed = threading.Event()
+        self._quit = threading.Event()
         self._lines: queue.SimpleQueue[ToPilot] = queue.SimpleQueue()
         self._out: queue.Queue[FromPilot] = queue.Queue(1000)
         self._source, self._sink = source, sink
@@ -28,6 +30,29 @@ class PilotPipe:
         threading.Thread(target=self._read, name="orders", daemon=True).start()
         self._writer = threading.Thread(target=self._write, name="reports", daemon=True)
         self._writer.start()
+
+    @property
+    def abandoned(self) -> bool:
+        """Whether the program is gone, or wants this process to end."""
+        if os.getppid() != self._parent:
+            self.closed.set()
+        return self.closed.is_set() or self._quit.is_set()
+
+    @contextlib.contextmanager
+    def ends_with_program(self) -> Iterator[None]:
+        """While nothing is flown yet: end this process at once when the program is gone, whatever it waits for."""
+        over = threading.Event()
+
+        def watch() -> None:
+            while not over.wait(_LOOK_S):
+                if self.abandoned:
+                    os._exit(0)
+
+        threading.Thread(target=watch, name="program", daemon=True).start()
+        try:
+            yield
+        finally:
+            over.set()
 
     def take(self) -> list[ToPilot]:
         """The lines since the last call."""
@@ -56,6 +81,8 @@ class PilotPipe:
             *lines, pending = (pending + data).split(b"\n")
             for line in lines:
                 order = decode_to_pilot(line)
+                if isinstance(order, Quit):
+                    self._quit.set()
                 if order is not None:
                     self._lines.put(order)
             pending = pending[:MAX_LINE]

@@ -32,6 +32,8 @@ from mission.drones.pilot_protocol import (
 from mission.errors import LinkError
 
 _KEEP_ALIVE_S = 0.05
+_ANSWERS_S = 30.0
+"""To start, to learn what the autopilot guards and to close its connections again, on a machine that is busy."""
 _FINAL = (OrderState.DONE, OrderState.REFUSED, OrderState.ENDED)
 
 
@@ -130,17 +132,21 @@ class PilotProcess:
     def wait_ready(self, timeout_s: float) -> int:
         """Wait until it hears the vehicle; returns the vehicle's system id.
 
+        Args:
+            timeout_s: how long the process itself tries. It is waited for longer than that, since only it knows why
+                it does not get ready.
+
         Raises:
-            LinkError: it cannot open the connection, hears no autopilot, or ended.
+            LinkError: it cannot open the connection, hears no autopilot, ended or hangs.
         """
-        self._answered.wait(timeout_s)
+        self._answered.wait(timeout_s + _ANSWERS_S)
         if self._ready is not None:
             return self._ready.system
         if self._failed is not None:
             raise LinkError(self._failed.cause, self._failed.remedy)
         if not self.alive:
             raise LinkError("the pilot process ended before it was ready", "Its log may say why")
-        raise LinkError("the pilot process does not get ready", "Its log may say why")
+        raise LinkError("the pilot process hangs while it connects", "Its log may say why")
 
     def keep_alive(self) -> None:
         """Tell it that the program's loop is alive; at most every 50 ms, so that it may be called at any rate."""

@@ -21,6 +21,8 @@ from mission.drones.pilot_protocol import Aim, Begin, FlyOrder, OrderKind
 from mission.drones.vehicle import VehicleState
 from mission.errors import LinkError
 
+_POSES_S = 5.0
+
 
 class PilotedDrone(ABC):
     """An aircraft that a process of its own flies; how its messages come and become poses is the subclass's.
@@ -177,11 +179,12 @@ class PilotedDrone(ABC):
         return system
 
     def _wait_for_poses(self, deadline_s: float) -> None:
-        """Wait until poses come at the wanted rate.
+        """Wait until poses come at the wanted rate, for some seconds also where it was late that the vehicle was heard.
 
         Raises:
             LinkError: they do not; the drone is closed again.
         """
+        deadline_s = max(deadline_s, self._clock() + _POSES_S)
         try:
             while not self._poses_come():
                 if self._pilot is None or not self._pilot.alive:

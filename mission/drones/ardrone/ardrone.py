@@ -112,7 +112,7 @@ class ARDrone(PilotedDrone):
             flight=self._flight,
             drone=FlightConfig(codec=self.address.codec),
         )
-        self._start_pilot(config, sock, timeout_s + 2.0, PILOT_MODULE)
+        self._start_pilot(config, sock, timeout_s, PILOT_MODULE)
         sock.settimeout(0.2)
         self._socket = sock
         self._closing.clear()

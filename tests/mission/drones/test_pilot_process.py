@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path as FilePath
 
 import pytest
 from hypothesis import given
@@ -95,3 +98,49 @@ def test_a_killed_process_leaves_no_order_open() -> None:
         pilot.wait_ready(1.0)
     pilot.close()
     pilot.close()
+
+
+def test_the_reason_reaches_the_operator_however_late_the_process_starts() -> None:
+    pilot = PilotProcess(PilotConfig(url=_url(), program_port=1, connect_timeout_s=0.3))
+    try:
+        with pytest.raises(LinkError, match="no autopilot is heard on udpin"):
+            pilot.wait_ready(0.0)
+    finally:
+        pilot.close()
+
+
+def test_a_process_that_connects_ends_when_it_is_told_to() -> None:
+    pilot = PilotProcess(PilotConfig(url=_url(), program_port=1, connect_timeout_s=60.0))
+    began = time.monotonic()
+    pilot.close(timeout_s=30.0)
+    assert not pilot.alive
+    assert time.monotonic() - began < 20.0
+
+
+CONNECTING = """
+import sys, time
+from mission.drones.pilot_config import PilotConfig
+from mission.drones.pilot_process import PilotProcess
+print(PilotProcess(PilotConfig(url=sys.argv[1], program_port=1, connect_timeout_s=120.0)).pid, flush=True)
+time.sleep(120.0)
+"""
+
+
+def test_no_process_is_left_behind_when_the_program_is_killed_while_it_connects() -> None:
+    program = subprocess.Popen([sys.executable, "-c", CONNECTING, _url()], stdout=subprocess.PIPE, text=True)
+    with program:
+        assert program.stdout is not None
+        pilot_pid = int(program.stdout.readline())
+        program.kill()
+    deadline = time.monotonic() + 20.0
+    while _runs(pilot_pid):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def _runs(pid: int) -> bool:
+    try:
+        state = FilePath(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
