@@ -1,4 +1,7 @@
-"""The procedure of the paper's Figure 2 as a state machine: hover, detect, choose, centre, sidestep, estimate, report.
+"""The procedure of the paper's Figure 2 as a state machine: detect, choose, hover, centre, sidestep, estimate, report.
+
+The paper's aircraft hovers by itself while people are looked for. So does ours: control is taken only when the target
+was found, so that an order for a box with nobody in it leaves the aircraft to whoever flies it.
 
 It can be aborted at every step, and it always ends in the autopilot's hold, or where the pilot took the aircraft. It
 knows aircraft only as `Drone` and reports only to its `Watcher`.
@@ -16,7 +19,8 @@ from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
 from mission.centring import Centring
 from mission.detect import Confirmation, Detector, choose
 from mission.drones.drone import Drone
-from mission.errors import DetectionError, EstimateRefused, FlightEnded, LinkError, VideoError
+from mission.drones.preconditions import unfit
+from mission.errors import DetectionError, EstimateRefused, FlightEnded, FlightRefused, LinkError, VideoError
 from mission.estimate import ESTIMATORS
 from mission.estimate.noise_fit import supported
 from mission.estimate.passes import Passes
@@ -85,7 +89,7 @@ class Locate:
         self._settings = settings
         self._watcher = watcher
         self._clock = clock
-        self._loop = FlightLoop(drone, video, aborted, clock, partial(watcher.stage, Stage.HOVER))
+        self._loop = FlightLoop(drone, video, aborted, clock, partial(watcher.stage, Stage.DETECT))
         self._tracker = tracker
         self._offset = FlightOffset(TimeOffsetMeter(camera) if settings.video.check_offset else None)
         self._unsaved: FlightRecord | None = None
@@ -112,10 +116,11 @@ class Locate:
             LinkError, VideoError: the link or the video is gone.
         """
         try:
+            self._check_aircraft()
             self._drone.begin(self._settings.limits.bounds())
+            self._acquire(choice)
             self._hover()
             self._prior = self._settings.prior.prior(self._take_off_up_m())
-            self._acquire(choice)
             self._offset.found = self._centre()
             located = self._estimate(self._sidestep(f"{flight_id}-1"))
             for number in range(2, self._settings.repeat + 1):
@@ -139,11 +144,20 @@ class Locate:
             if self._unsaved is not None:  # after the hold: the disk may be slow
                 self._watcher.sightings(self._flight(self._unsaved, self._told(), self._pointing.offset_s))
 
+    def _check_aircraft(self) -> None:
+        """Before the search, which takes seconds; the pilot process looks at more before it takes control."""
+        reason = unfit(self._drone.telemetry(), self._settings.link.min_battery)
+        if reason is not None:
+            raise FlightRefused(reason, "Nothing was flown.")
+
     def _hover(self) -> None:
         self._watcher.stage(Stage.HOVER, "taking control, hovering")
         self._loop.fly(self._drone.hover())
-        for _ in self._loop.until_done(ORDER_TIMEOUT_S):
-            pass
+        for frame in self._loop.until_done(ORDER_TIMEOUT_S):
+            track = self._pointing.follow(frame)
+            self._watcher.frame(frame, track)
+            if track.state == "lost":
+                raise DetectionError("the target was lost while control was taken", "Try again.")
 
     def _take_off_up_m(self) -> float | None:
         """Up coordinate of the take-off point in the local frame, None where it is not known."""

@@ -16,8 +16,8 @@ from mission.track import Track
 class Stage(Enum):
     """Where the procedure is."""
 
-    HOVER = "hover"
     DETECT = "detect"
+    HOVER = "hover"
     CENTRE = "centre"
     SIDESTEP = "sidestep"
     ESTIMATE = "estimate"

@@ -11,8 +11,8 @@ from mission.records import FlightSightings, Frame
 from mission.track import Track
 
 PERCENT: Final[dict[Stage, int]] = {
-    Stage.HOVER: 5,
-    Stage.DETECT: 10,
+    Stage.DETECT: 5,
+    Stage.HOVER: 10,
     Stage.CENTRE: 25,
     Stage.SIDESTEP: 45,
     Stage.REPOSITION: 60,

@@ -22,6 +22,7 @@ from mission.detect import make_detector
 from mission.drones.drone import Telemetry
 from mission.drones.limits import FlightSettings
 from mission.drones.make import AnyDrone, make_drone, mavlink_of
+from mission.drones.preconditions import unfit
 from mission.errors import LinkError, SettingsError
 from mission.settings import MissionSettings
 
@@ -126,19 +127,7 @@ def refusal(order: Order, telemetry: Telemetry, min_battery: float) -> str:
 
     Said before the order is accepted. The pilot process looks again, at more, before it takes control.
     """
-    if not isinstance(order, Locate):
-        return ""
-    if not telemetry.connected:
-        return "the autopilot is not heard"
-    if not telemetry.armed or not telemetry.in_air:
-        return "the vehicle is not armed and airborne"
-    if not telemetry.position_ok:
-        return "the position is not healthy"
-    if not telemetry.heading_ok:
-        return "the heading is not healthy"
-    if telemetry.battery_fraction is not None and telemetry.battery_fraction < min_battery:
-        return f"the battery is at {100 * telemetry.battery_fraction:.0f} %"
-    return ""
+    return unfit(telemetry, min_battery) or "" if isinstance(order, Locate) else ""
 
 
 def told_picture(camera: Camera, settings: MissionSettings) -> Picture:

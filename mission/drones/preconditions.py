@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mission.drones.drone import Bounds
+from mission.drones.drone import Bounds, Telemetry
 from mission.drones.limits import Fence, FlightSettings, lossy, with_loss
 from mission.drones.vehicle import VehicleState
 
@@ -46,6 +46,23 @@ class NoGuards:
     def packet_loss(self, now_s: float) -> float | None:
         """Not known."""
         return None
+
+
+def unfit(telemetry: Telemetry, min_battery_fraction: float) -> str | None:
+    """Why an aircraft cannot be flown now, as far as telemetry tells; None when it can.
+
+    Said at once when an order comes. The pilot process looks again, at more (`refusal`), before it takes control.
+    """
+    if not telemetry.connected:
+        return "the autopilot is not heard"
+    if not telemetry.armed or not telemetry.in_air:
+        return "the vehicle is not armed and airborne"
+    if not telemetry.position_ok:
+        return "the position is not healthy"
+    if not telemetry.heading_ok:
+        return "the heading is not healthy"
+    battery = telemetry.battery_fraction
+    return None if battery is None or battery >= min_battery_fraction else f"the battery is at {100 * battery:.0f} %"
 
 
 def height_refusal(height_m: float, bounds: Bounds, fence: Fence | None, margin_m: float) -> str | None:

@@ -1,5 +1,6 @@
 import math
 import threading
+from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,6 +26,7 @@ class Notes:
     answers: list[Located] = field(default_factory=list)
     texts: list[str] = field(default_factory=list)
     frames: int = 0
+    tracked_in: Counter[Stage] = field(default_factory=Counter)
 
     def stage(self, stage: Stage, text: str) -> None:
         self.texts.append(text)
@@ -33,6 +35,8 @@ class Notes:
 
     def frame(self, frame: Frame, track: Track | None) -> None:
         self.frames += 1
+        if track is not None:
+            self.tracked_in[self.stages[-1]] += 1
 
     def sightings(self, flight: FlightSightings) -> None:
         self.flights.append(flight)
@@ -51,6 +55,7 @@ class Scene:
         self.sight = Sight(self.drone, self.walker)
         self.notes = Notes()
         self.abort_in: Stage | None = None
+        self.choice = TargetChoice()
         self.settings = MissionSettings.model_validate({"video": {"check_offset": False}})
 
     def run(self) -> Located:
@@ -65,7 +70,7 @@ class Scene:
             aborted=lambda: self.abort_in is not None and self.abort_in in self.notes.stages,
             clock=lambda: self.drone.t_s,
         )
-        return locate.run(TargetChoice(), "test")
+        return locate.run(self.choice, "test")
 
 
 @pytest.mark.parametrize("velocity", [(0.0, 0.0), (0.6, 0.0), (0.0, 0.6), (0.42, 0.42), (-0.42, 0.42)])
@@ -103,7 +108,15 @@ def test_the_closed_forms_stand_beside_the_answer_for_comparison() -> None:
     assert {estimate.method for estimate in Scene().run().comparisons} >= {"stereo", "four-image"}
 
 
-@pytest.mark.parametrize("stage", [Stage.HOVER, Stage.DETECT, Stage.CENTRE, Stage.SIDESTEP])
+def test_an_abort_before_control_is_taken_leaves_the_aircraft_alone() -> None:
+    scene = Scene()
+    scene.abort_in = Stage.DETECT
+    with pytest.raises(FlightEnded, match="abort"):
+        scene.run()
+    assert scene.drone.calls == ["begin"]
+
+
+@pytest.mark.parametrize("stage", [Stage.HOVER, Stage.CENTRE, Stage.SIDESTEP])
 def test_an_abort_in_any_stage_ends_in_hold_without_an_answer(stage: Stage) -> None:
     scene = Scene()
     scene.abort_in = stage
@@ -170,13 +183,51 @@ def test_a_refused_order_flies_nothing_and_gives_the_reason() -> None:
     assert "path" not in scene.drone.calls
 
 
-def test_nobody_in_view_is_said_and_nothing_is_flown() -> None:
+def test_nobody_in_view_is_said_and_control_is_not_taken() -> None:
     scene = Scene()
     scene.sight.absent = True
     with pytest.raises(DetectionError, match="no person"):
         scene.run()
-    assert "path" not in scene.drone.calls
-    assert scene.drone.calls[-1] == "hold"
+    assert scene.drone.calls == ["begin"]
+
+
+def test_a_box_with_nobody_in_it_leaves_the_aircraft_to_whoever_flies_it() -> None:
+    scene = Scene()
+    scene.choice = TargetChoice(box=Box(10.0, 10.0, 40.0, 40.0))
+    with pytest.raises(DetectionError, match="inside the box"):
+        scene.run()
+    assert scene.drone.calls == ["begin"]
+
+
+def test_a_pilot_who_acts_while_people_are_looked_for_keeps_the_aircraft() -> None:
+    scene = Scene()
+    scene.drone.seize()
+    with pytest.raises(FlightEnded, match="LOITER"):
+        scene.run()
+    assert scene.drone.calls == ["begin"]
+
+
+def test_an_aircraft_that_cannot_be_flown_is_said_before_people_are_looked_for() -> None:
+    scene = Scene()
+    scene.drone.connected = False
+    with pytest.raises(FlightRefused, match="not heard"):
+        scene.run()
+    assert scene.drone.calls == []
+    assert scene.notes.stages == []
+
+
+def test_the_target_is_followed_while_control_is_taken() -> None:
+    scene = Scene()
+    scene.run()
+    assert scene.notes.tracked_in[Stage.HOVER] > 0
+
+
+def test_a_target_that_is_lost_while_control_is_taken_ends_in_hold() -> None:
+    scene = Scene()
+    scene.sight.gone_from_s = scene.drone.t_s
+    with pytest.raises(DetectionError, match="while control was taken"):
+        scene.run()
+    assert scene.drone.calls == ["begin", "hover", "hold"]
 
 
 def test_video_that_stops_in_the_pattern_holds_and_keeps_the_sightings() -> None:

@@ -21,8 +21,9 @@ from gcs_plugin.geotags import GeotagLog, read_geotags
 from gcs_plugin.serve.session import Crew, Session
 from mission.camera import Camera
 from mission.errors import LinkError, VideoError
-from mission.records import Box, Detection, Frame, Image
+from mission.records import Frame
 from mission.settings import AnswerSettings, AuthoritySettings, MissionSettings, VideoSettings
+from mission.track import Track
 from mission.video import VideoSource
 from tests.gcs_plugin.component.bench import PICTURE, Bench, Wire
 from tests.mission.fakes import CAMERA, FakeDrone, FakeVideo, Sight, Walker
@@ -215,11 +216,11 @@ def test_no_video_is_told_and_nothing_flies(service: Service) -> None:
 
 def test_a_fault_of_the_program_in_one_order_leaves_the_aircraft_holding_and_takes_the_next(service: Service) -> None:
     class Faulty(Sight):
-        def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+        def update(self, *_: object, **__: object) -> Track:
             raise ZeroDivisionError
 
     faulty = Faulty(service.drone, service.sight.walker)
-    service.crew = replace(service.crew, detector=faulty)
+    service.crew = replace(service.crew, tracker=lambda: faulty)
     service.command(USER_1)
     service.serve(
         lambda: service.final() == [(USER_1, FAILED), (USER_1, FAILED)],
