@@ -61,6 +61,8 @@ class BoardCalibration:
 def read_pictures(folder: Path | str) -> list[tuple[str, Image | None]]:
     """All pictures of a folder by name, None for those that cannot be read.
 
+    As the sensor gave them: what EXIF says of how the camera was held would turn the lens, too.
+
     Raises:
         CalibrationError: no such folder, or no pictures in it.
     """
@@ -73,7 +75,7 @@ def read_pictures(folder: Path | str) -> list[tuple[str, Image | None]]:
         raise CalibrationError(f"There are no pictures in {folder}", "Put PNG or JPEG pictures of the board there.")
     pictures: list[tuple[str, Image | None]] = []
     for path in paths:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         pictures.append((path.name, None if image is None else np.asarray(image, dtype=np.uint8)))
     return pictures
 

@@ -116,7 +116,8 @@ class Flight:
             return "a take-off is only flown from the ground, at the start of an order"
         if height is None:
             return "the order has no height"
-        reason = height_refusal(height, self._bounds, self._guards.fence(), self._settings.fence_margin_m) or refusal(
+        fence, margin_m = self._guards.fence(), self._settings.fence_margin_m
+        reason = height_refusal(height, self._bounds, fence, margin_m, self._vehicle) or refusal(
             self._vehicle, self._settings, self._guards, now_s, on_ground=True
         )
         if reason is None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mission.drones.drone import Bounds, EventKind, Path
+from mission.drones.fence import Fence
 from mission.drones.path_follower import check_path, outside, setpoint_at
 from mission.drones.vehicle import VehicleState
 from mission.records import Vector
@@ -33,30 +34,6 @@ class FlightSettings:
     """Of what the autopilot sends; beyond, a take-over may be seen too late."""
     must_hold: bool = False
     """No flight when the autopilot would do anything but hold after our setpoints have stopped."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fence:
-    """The autopilot's geofence: a cylinder around home."""
-
-    centre_ned_m: Vector
-    """(2,) north and east in the local frame."""
-    radius_m: float = math.inf
-    min_height_m: float = -math.inf
-    max_height_m: float = math.inf
-
-    def outside(self, position_ned_m: Vector, ground_down_m: float, margin_m: float) -> str | None:
-        """How a position (3,) lies outside, or less than the margin inside; None when it does not."""
-        away = float(np.hypot(*(position_ned_m[:2] - self.centre_ned_m)))
-        height = ground_down_m - float(position_ned_m[2])
-        kept = f", of which {margin_m:.1f} m are kept free"
-        if not away <= self.radius_m - margin_m:
-            return f"{away:.1f} m from home, the autopilot's geofence is at {self.radius_m:.1f} m{kept}"
-        if not height <= self.max_height_m - margin_m:
-            return f"height {height:.1f} m, the autopilot's geofence is at {self.max_height_m:.1f} m{kept}"
-        if not height >= self.min_height_m:
-            return f"height {height:.1f} m, the autopilot's geofence begins at {self.min_height_m:.1f} m"
-        return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,12 +63,10 @@ class Room:
         reason = check_path(path, self.bounds, start_ned_m, self.centre_ned_m, self.ground_down_m, self.left_s(now_s))
         if reason or self.fence is None:
             return reason
-        for i in range(math.ceil(path.duration_s / _CHECK_STEP_S) + 1):
-            place = setpoint_at(path, min(i * _CHECK_STEP_S, path.duration_s), start_ned_m).position_ned_m
-            reason = self.fence.outside(place, self.ground_down_m, self.fence_margin_m)
-            if reason:
-                return f"the path would leave the geofence: {reason}"
-        return None
+        steps = [min(i * _CHECK_STEP_S, path.duration_s) for i in range(math.ceil(path.duration_s / _CHECK_STEP_S) + 1)]
+        places = np.array([setpoint_at(path, t_s, start_ned_m).position_ned_m for t_s in steps])
+        reason = self.fence.first_outside(places, self.ground_down_m, self.fence_margin_m)
+        return f"the path would leave the geofence: {reason}" if reason else None
 
     def left_s(self, now_s: float) -> float:
         """What is left of the time allowed."""

@@ -17,10 +17,12 @@ from mavsdk.enums import ForwardingOption
 from mavsdk.exceptions import ConnectionError as MavsdkConnectionError
 from mavsdk.mavsdk import Configuration, Mavsdk
 from mavsdk.system import System
+from pymavlink.dialects.v20 import all as mavlink
 
 from mission.drones.controls import MavsdkControls
+from mission.drones.fence import Fence
 from mission.drones.flight import Flight
-from mission.drones.limits import Fence, FlightSettings
+from mission.drones.limits import FlightSettings
 from mission.drones.link import MavlinkLink
 from mission.drones.loopback import loopback_socket
 from mission.drones.packet_loss import PacketLoss
@@ -43,6 +45,8 @@ _ASK_TARGET_S = 2.0
 _ASK_TARGET_TIMES = 3
 _TARGET_HZ = 200.0
 _IDLE_TARGET_HZ = 2.0
+_RECEIVER_HZ = 2.0
+_RECEIVER_ASKS = 5
 
 
 class _Vehicle:
@@ -82,6 +86,7 @@ class _Vehicle:
         self.rates: MessageRates | None = None
         self._target_asked_s = -_ASK_TARGET_S
         self._target_watched = False
+        self._receiver_asked_s, self._receiver_asks = -_ASK_TARGET_S, _RECEIVER_ASKS
         self._target_asks = _ASK_TARGET_TIMES
 
     def get_to_know(self) -> None:
@@ -112,6 +117,10 @@ class _Vehicle:
         self._cautioned = True
         return [EventReport(t_s=now_s, kind="caution", text=text) for text in self.safeguards.cautions()]
 
+    def order_begins(self) -> None:
+        """Look again at the fence plan."""
+        self.safeguards.order_begins()
+
     def send(self, now_s: float) -> None:
         """Nothing: the controls have sent it."""
 
@@ -127,6 +136,19 @@ class _Vehicle:
             self.rates = MessageRates(self.link, wanted, now_s, self._thinning.passed_over)
         if self.rates is not None:
             self.rates.keep(now_s)
+        self.ask_other_receiver(now_s)
+
+    def ask_other_receiver(self, now_s: float) -> None:
+        """Ask for the second GPS receiver: once, and a few times where the first has no fix. There may be none."""
+        if self.state.gps_fix >= mavlink.GPS_FIX_TYPE_3D_FIX and self._receiver_asks < _RECEIVER_ASKS:
+            self._receiver_asks = _RECEIVER_ASKS - 1
+        elif (
+            self.state.heartbeat_s is not None
+            and self._receiver_asks
+            and now_s - self._receiver_asked_s > _ASK_TARGET_S
+        ):
+            self._receiver_asked_s, self._receiver_asks = now_s, self._receiver_asks - 1
+            ask_rate(self.link, "GPS2_RAW", _RECEIVER_HZ)
 
     def fence(self) -> Fence | None:
         """The autopilot's geofence."""

@@ -75,6 +75,10 @@ class Aircraft(Protocol):
         """Take in what came, before the flight's rules look at it; what the program should know of it."""
         ...
 
+    def order_begins(self) -> None:
+        """The operator ordered something: look again at what may have changed since."""
+        ...
+
     def send(self, now_s: float) -> None:
         """Send what is due, after the flight's rules."""
         ...
@@ -137,6 +141,7 @@ def _fly(flight: Flight, aircraft: Aircraft, pipe: PilotPipe, alive: LoopWatchdo
             match line:
                 case Begin():
                     flight.begin(line.bounds, now)
+                    aircraft.order_begins()
                 case Aim():
                     flight.aim(line.heading_rad)
                 case FlyOrder():

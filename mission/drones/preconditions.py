@@ -8,7 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from mission.drones.drone import Bounds, Telemetry
-from mission.drones.limits import Fence, FlightSettings, lossy, with_loss
+from mission.drones.fence import Fence
+from mission.drones.limits import FlightSettings, lossy, with_loss
 from mission.drones.vehicle import VehicleState
 
 _FLOWN_M_S = 1.0
@@ -65,20 +66,23 @@ def unfit(telemetry: Telemetry, min_battery_fraction: float) -> str | None:
     return None if battery is None or battery >= min_battery_fraction else f"the battery is at {100 * battery:.0f} %"
 
 
-def height_refusal(height_m: float, bounds: Bounds, fence: Fence | None, margin_m: float) -> str | None:
+def height_refusal(
+    height_m: float, bounds: Bounds, fence: Fence | None, margin_m: float, vehicle: VehicleState
+) -> str | None:
     """Why a take-off to a height above the ground is not allowed; None when it is.
 
     Args:
         height_m: wanted.
         bounds: of the order.
         fence: of the autopilot.
-        margin_m: kept free below the fence's ceiling.
+        margin_m: kept free inside the fence.
+        vehicle: where it stands.
     """
     if not bounds.min_height_m <= height_m <= bounds.max_height_m:
         return f"the take-off height is outside {bounds.min_height_m:.1f} to {bounds.max_height_m:.1f} m"
-    if fence is None:
+    if fence is None or vehicle.local is None:
         return None
-    reason = fence.outside(np.array([*fence.centre_ned_m, -height_m]), 0.0, margin_m)
+    reason = fence.outside(np.array([*vehicle.local.position_ned_m[:2], -height_m]), 0.0, margin_m)
     return f"the take-off would leave the geofence: {reason}" if reason else None
 
 

@@ -1,7 +1,7 @@
 """What the autopilot guards by itself, from its parameters: its geofence, and what it does when setpoints stop.
 
 PX4: GF_ACTION, GF_MAX_HOR_DIST, GF_MAX_VER_DIST, COM_OBL_RC_ACT. ArduPilot: FENCE_*; when setpoints stop it hovers in
-GUIDED after GUID_TIMEOUT. Polygons and circles of a fence plan are not read: they are announced.
+GUIDED after GUID_TIMEOUT. The polygons and circles of a fence plan come over the mission protocol (`FencePlan`).
 """
 
 from __future__ import annotations
@@ -14,24 +14,27 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
-from mission.drones.limits import Fence
+from mission.drones.fence import Fence, FenceArea
+from mission.drones.fence_plan import FENCE_PLAN_MESSAGES, FencePlan
 from mission.drones.link import MavlinkLink
 from mission.drones.modes import Autopilot
 from mission.drones.vehicle import VehicleState
 
-SAFEGUARD_MESSAGES = ("PARAM_VALUE", "HOME_POSITION")
+SAFEGUARD_MESSAGES = ("PARAM_VALUE", "HOME_POSITION", *FENCE_PLAN_MESSAGES)
 """Messages that `Safeguards.take` reads."""
 
 _NAMES: dict[Autopilot, tuple[str, ...]] = {
     "px4": ("COM_OBL_RC_ACT", "GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST"),
     "ardupilot": (
-        *("FENCE_ENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX", "FENCE_ALT_MIN", "FENCE_TOTAL"),
-        "GUID_TIMEOUT",
+        *("FENCE_ENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX", "FENCE_ALT_MIN"),
+        *("FENCE_AUTOENABLE", "FENCE_OPTIONS", "GUID_TIMEOUT"),
     ),
 }
 _ASK_AGAIN_S = 0.4
 _ATTEMPTS = 10
-_EARTH_M = 6.371e6
+_OPTIONAL = ("FENCE_AUTOENABLE", "FENCE_OPTIONS")
+"""Older versions have none: asked for a few times."""
+_OPTIONAL_ATTEMPTS = 3
 _HOLD = 5
 _STOPS_THE_MOTORS = (6, 7)
 _WHEN_SETPOINTS_STOP = {
@@ -47,6 +50,8 @@ _LONGEST_GUIDED_S = 5.0
 _FENCE_CEILING, _FENCE_CIRCLE, _FENCE_PLAN, _FENCE_FLOOR = 1, 2, 4, 8
 """Bits of FENCE_TYPE."""
 _FENCE_TYPE_DEFAULT = 7.0
+_ANY_INCLUSION = 2
+"""Bit of FENCE_OPTIONS: inside one of the areas is enough. PX4 always does so."""
 
 
 class Safeguards:
@@ -58,6 +63,7 @@ class Safeguards:
 
     def __init__(self, vehicle: VehicleState) -> None:
         self._vehicle = vehicle
+        self._plan = FencePlan()
         self._values: dict[str, float] = {}
         self._home_deg: tuple[float, float] | None = None
         self._attempts = 0
@@ -65,17 +71,21 @@ class Safeguards:
 
     @property
     def known(self) -> bool:
-        """Whether every parameter was told, or asked for often enough."""
-        missing = self._missing()
-        return self._vehicle.autopilot in _NAMES and (not missing or self._attempts >= _ATTEMPTS)
+        """Whether every parameter and the fence plan were told, or asked for often enough."""
+        wanted = [name for name in self._missing() if not (name in _OPTIONAL and self._attempts >= _OPTIONAL_ATTEMPTS)]
+        told = not wanted or self._attempts >= _ATTEMPTS
+        return self._vehicle.autopilot in _NAMES and told and self._plan.known
 
     def take(self, message: Any) -> None:
-        """Take in a PARAM_VALUE or HOME_POSITION of the autopilot; called in the link's thread."""
+        """Take in one of `SAFEGUARD_MESSAGES`, of the autopilot; called in the link's thread."""
         if message.get_srcSystem() != self._vehicle.system or message.get_srcComponent() != 1:
             return
         if message.get_type() == "HOME_POSITION":
             if message.latitude or message.longitude:
                 self._home_deg = message.latitude * 1e-7, message.longitude * 1e-7
+            return
+        if message.get_type() in FENCE_PLAN_MESSAGES:
+            self._plan.take(message)
             return
         value = _number(message, self._vehicle.autopilot)
         if value is not None and message.param_id in _NAMES.get(self._vehicle.autopilot, ()):
@@ -83,7 +93,10 @@ class Safeguards:
 
     def ask(self, link: MavlinkLink, now_s: float) -> None:
         """Ask for what is not known yet; called at every tick, never waits."""
-        if self.known or now_s - self._asked_s < _ASK_AGAIN_S or not self._vehicle.connected(now_s):
+        if not self._vehicle.connected(now_s):
+            return
+        self._plan.ask(link, now_s)
+        if not self._missing() or self._attempts >= _ATTEMPTS or now_s - self._asked_s < _ASK_AGAIN_S:
             return
         self._asked_s, self._attempts = now_s, self._attempts + 1
         for name in self._missing():
@@ -91,21 +104,30 @@ class Safeguards:
                 mavlink.MAVLink_param_request_read_message(link.target_system, link.target_component, name.encode(), -1)
             )
 
+    def order_begins(self) -> None:
+        """Read the fence plan again: a ground station may have changed it since."""
+        self._plan.refresh()
+
     def fence(self) -> Fence | None:
-        """The geofence's cylinder around home in the local frame; None when there is none, or no place for it yet."""
-        vehicle, local = self._vehicle, self._vehicle.local
+        """The geofence in the local frame; None when there is none, or no place for it yet."""
+        local = self._vehicle.local
         radius, low, high = self._cylinder()
-        if not (math.isfinite(radius) or math.isfinite(low) or math.isfinite(high)) or local is None:
+        areas = self._areas()
+        limited = math.isfinite(radius) or math.isfinite(low) or math.isfinite(high) or bool(areas)
+        if not limited or local is None:
             return None
         centre = local.position_ned_m[:2].copy()
         if math.isfinite(radius):
             if self._home_deg is None:
                 return None
-            lat, lon = self._home_deg
-            north = math.radians(lat - vehicle.lat_deg) * _EARTH_M
-            east = math.radians(lon - vehicle.lon_deg) * _EARTH_M * math.cos(math.radians(lat))
-            centre = centre + np.array([north, east])
-        return Fence(centre, radius, low, high)
+            home = self._vehicle.local_of(*self._home_deg)
+            if home is None:
+                return None
+            centre = home
+        any_inclusion = self._vehicle.autopilot == "px4" or bool(
+            int(self._values.get("FENCE_OPTIONS", 0.0)) & _ANY_INCLUSION
+        )
+        return Fence(centre, radius, low, high, areas, any_inclusion)
 
     def refusal(self, must_hold: bool) -> str | None:
         """Why the autopilot's own reactions forbid a flight, or None.
@@ -122,6 +144,8 @@ class Safeguards:
             )
         if must_hold and self._vehicle.autopilot == "px4" and action != _HOLD:
             return f"PX4 does not hold when setpoints stop (COM_OBL_RC_ACT is {_shown(action)}, 5 holds)"
+        if self._plan_counts() and self._plan.trouble:
+            return f"the autopilot's geofence cannot be checked: {self._plan.trouble}"
         if math.isfinite(self._cylinder()[0]) and self._home_deg is None:
             return "the centre of the geofence is not known: the autopilot tells no home position"
         return None
@@ -140,19 +164,19 @@ class Safeguards:
             notes.append(f"should the pilot process die, it flies on for {values['GUID_TIMEOUT']:.0f} s (GUID_TIMEOUT)")
         if not {"GF_ACTION", "FENCE_ENABLE"} & values.keys():
             notes.append("the autopilot does not tell its geofence: it is not checked before the flight")
-        if values.get("FENCE_ENABLE") and values.get("FENCE_TOTAL") and self._fence_type() & _FENCE_PLAN:
-            notes.append("the polygons and circles of the geofence are not checked before the flight")
+        elif self._plan_counts() and self._plan.silent:
+            notes.append("the autopilot does not tell its fence plan: polygons and circles are not checked")
         return notes
 
     def _cylinder(self) -> tuple[float, float, float]:
         """Radius, lowest and highest height above home, infinite where there is no limit."""
         values = self._values
         if self._vehicle.autopilot == "px4":
-            if values.get("GF_ACTION", 0.0) == 0.0:
+            if not self._fence_on():
                 return math.inf, -math.inf, math.inf
             radius, high = values.get("GF_MAX_HOR_DIST", 0.0), values.get("GF_MAX_VER_DIST", 0.0)
             return radius if radius > 0.0 else math.inf, -math.inf, high if high > 0.0 else math.inf
-        if not values.get("FENCE_ENABLE"):
+        if not self._fence_on():
             return math.inf, -math.inf, math.inf
         kind = self._fence_type()
         return (
@@ -160,6 +184,30 @@ class Safeguards:
             values.get("FENCE_ALT_MIN", -math.inf) if kind & _FENCE_FLOOR else -math.inf,
             values.get("FENCE_ALT_MAX", math.inf) if kind & _FENCE_CEILING else math.inf,
         )
+
+    def _areas(self) -> tuple[FenceArea, ...]:
+        if not self._plan_counts():
+            return ()
+        areas = []
+        for planned in self._plan.areas:
+            corners = [self._vehicle.local_of(*corner) for corner in planned.corners_deg]
+            known = [corner for corner in corners if corner is not None]
+            if len(known) == len(corners):
+                areas.append(FenceArea(planned.inclusion, np.array(known), planned.radius_m))
+        return tuple(areas)
+
+    def _fence_on(self) -> bool:
+        """Whether the autopilot enforces its geofence, or will once it is armed."""
+        values, told = self._values, self._vehicle.fence_active
+        if self._vehicle.autopilot == "px4":
+            return values.get("GF_ACTION", 0.0) != 0.0
+        if not self._vehicle.armed and values.get("FENCE_AUTOENABLE"):
+            return True
+        # A switch or DO_FENCE_ENABLE do not show in FENCE_ENABLE.
+        return bool(values.get("FENCE_ENABLE")) if told is None else told
+
+    def _plan_counts(self) -> bool:
+        return self._fence_on() and (self._vehicle.autopilot == "px4" or bool(self._fence_type() & _FENCE_PLAN))
 
     def _fence_type(self) -> int:
         return int(self._values.get("FENCE_TYPE", _FENCE_TYPE_DEFAULT))

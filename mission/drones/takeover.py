@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import numpy as np
@@ -23,7 +22,6 @@ _ALLOWED: dict[Phase, tuple[ModeKind, ...]] = {
     "landing": ("land",),
 }
 _ELSEWHERE_M = 3.0
-_EARTH_M = 6.371e6
 
 Takeover = tuple[EventKind, str]
 """Kind of the event, and what happened."""
@@ -48,14 +46,12 @@ def sent_elsewhere(vehicle: VehicleState, target_ned_m: Vector, since_s: float) 
         target_ned_m: (3,) our setpoint in the local frame.
         since_s: older reports (POSITION_TARGET_GLOBAL_INT) are from before our setpoints.
     """
-    target, local = vehicle.position_target, vehicle.local
-    if vehicle.autopilot != "ardupilot" or target is None or local is None or target.t_s < since_s:
+    target = vehicle.position_target
+    if vehicle.autopilot != "ardupilot" or target is None or vehicle.local is None or target.t_s < since_s:
         return None
     # ModeGuided::get_wp: while it follows our position and velocity setpoints ArduCopter reports no point at all.
     if not target.alone:
-        north = math.radians(target.lat_deg - vehicle.lat_deg) * _EARTH_M
-        east = math.radians(target.lon_deg - vehicle.lon_deg) * _EARTH_M * math.cos(math.radians(target.lat_deg))
-        there = local.position_ned_m[:2] + np.array([north, east])
-        if float(np.hypot(*(there - target_ned_m[:2]))) <= _ELSEWHERE_M:
+        there = vehicle.local_of(target.lat_deg, target.lon_deg)
+        if there is None or float(np.hypot(*(there - target_ned_m[:2]))) <= _ELSEWHERE_M:
             return None
     return "pilot", "the autopilot was sent to another place (send it again: our setpoints may have replaced that)"

@@ -13,7 +13,8 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from mission.drones.modes import MULTICOPTERS, Autopilot, FlightMode, autopilot_of, flight_mode
 from mission.drones.packet_loss import overtaken
-from mission.records import Vector
+from mission.geodesy import geodetic_to_enu
+from mission.records import GeodeticOrigin, Vector
 
 VEHICLE_MESSAGES = (
     "HEARTBEAT",
@@ -21,6 +22,7 @@ VEHICLE_MESSAGES = (
     "SYS_STATUS",
     "EXTENDED_SYS_STATE",
     "GPS_RAW_INT",
+    "GPS2_RAW",
     "GLOBAL_POSITION_INT",
     "LOCAL_POSITION_NED",
     "ATTITUDE",
@@ -68,6 +70,8 @@ _HEARTBEAT_AT_MOST_S = 6.5
 _OVERTAKEN_S = 0.3
 """How late a packet may be whose number says that a newer one was faster; the numbers come round after some seconds."""
 _HEARD_S = 1.0
+_RECEIVER_S = 5.0
+"""A receiver that is silent for longer has no fix."""
 
 
 class VehicleState:
@@ -93,7 +97,10 @@ class VehicleState:
         self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
         self.battery_fraction: float | None = None
         self.prearm_ok: bool | None = None
+        self.fence_active: bool | None = None
+        """Whether the autopilot enforces a geofence now; None where it does not say."""
         self.gps_fix = 0
+        """The best one of its receivers."""
         self.gps_accuracy_m: float | None = None
         self.geoid_separation_m: float | None = None
         self.ekf_flags: int | None = None
@@ -118,6 +125,8 @@ class VehicleState:
         self._seen_grounded = False
         self._mode_number = 0
         """Sequence number of the newest packet that told the mode."""
+        self._fixes: dict[str, tuple[float, int]] = {}
+        """Of each receiver: when and what it told last."""
         self._lock = threading.Lock()
 
     def update(self, message: Any, now_s: float) -> None:
@@ -170,6 +179,14 @@ class VehicleState:
         vouched = self.ekf_flags is not None or self.estimator_flags is not None
         poses = self.global_s is not None and self.local is not None and self.attitude_s is not None
         return poses and vouched and self.gps_fix != mavlink.GPS_FIX_TYPE_NO_GPS
+
+    def local_of(self, lat_deg: float, lon_deg: float) -> Vector | None:
+        """North and east of a place in the local frame, (2,) m; None before it is known where the vehicle is."""
+        if self.local is None or self.global_s is None:
+            return None
+        east, north, _ = geodetic_to_enu(lat_deg, lon_deg, 0.0, GeodeticOrigin(self.lat_deg, self.lon_deg, 0.0))
+        place: Vector = self.local.position_ned_m[:2] + np.array([north, east])
+        return place
 
     def position_ok(self, now_s: float) -> bool:
         """Whether the estimator vouches for a horizontal position and both positions are fresh."""
@@ -230,16 +247,25 @@ class VehicleState:
         del now_s
         self.battery_fraction = m.battery_remaining / 100.0 if 0 <= m.battery_remaining <= 100 else None
         self.prearm_ok = bool(m.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
+        enabled = bool(m.onboard_control_sensors_enabled & mavlink.MAV_SYS_STATUS_GEOFENCE)
+        # ArduPilot (AC_Fence::sys_status_present): present with a fence that is set up, also while it is switched off.
+        present = bool(m.onboard_control_sensors_present & mavlink.MAV_SYS_STATUS_GEOFENCE)
+        self.fence_active = True if enabled else False if present else None
 
     def _on_extended_sys_state(self, m: Any, now_s: float) -> None:
         del now_s
         self.landed_state = m.landed_state
 
-    def _on_gps_raw_int(self, m: Any, now_s: float) -> None:
-        del now_s
-        self.gps_fix = m.fix_type
+    def _on_gps(self, m: Any, now_s: float) -> None:
+        self._fixes[m.get_type()] = now_s, m.fix_type
+        fixes = {name: fix for name, (t_s, fix) in self._fixes.items() if now_s - t_s < _RECEIVER_S}
+        self.gps_fix = max(fixes.values())
+        if m.fix_type < self.gps_fix or (m.get_type() != "GPS_RAW_INT" and fixes.get("GPS_RAW_INT") == self.gps_fix):
+            return  # the other receiver is the one that is used
         self.gps_accuracy_m = m.h_acc * 1e-3 if m.h_acc else None
-        self.geoid_separation_m = (m.alt_ellipsoid - m.alt) * 1e-3 if m.alt_ellipsoid else None
+        # The same to the millimetre: a receiver without a model of the geoid gives one for the other.
+        separation_mm = m.alt_ellipsoid - m.alt if m.alt_ellipsoid else 0
+        self.geoid_separation_m = separation_mm * 1e-3 if separation_mm else None
 
     def _on_global_position_int(self, m: Any, now_s: float) -> None:
         if not on_earth(m.lat, m.lon):
@@ -296,7 +322,8 @@ _UPDATES = {
     "CURRENT_MODE": VehicleState._on_current_mode,
     "SYS_STATUS": VehicleState._on_sys_status,
     "EXTENDED_SYS_STATE": VehicleState._on_extended_sys_state,
-    "GPS_RAW_INT": VehicleState._on_gps_raw_int,
+    "GPS_RAW_INT": VehicleState._on_gps,
+    "GPS2_RAW": VehicleState._on_gps,
     "GLOBAL_POSITION_INT": VehicleState._on_global_position_int,
     "LOCAL_POSITION_NED": VehicleState._on_local_position_ned,
     "ATTITUDE": VehicleState._on_attitude,

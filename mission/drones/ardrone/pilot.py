@@ -66,6 +66,9 @@ class _Aircraft:
         given_up, self._dialogue.given_up = self._dialogue.given_up, []
         return [EventReport(t_s=now_s, kind="statustext", text=f"{key} was not acknowledged") for key in given_up]
 
+    def order_begins(self) -> None:
+        """Nothing: it tells everything all the time."""
+
     def send(self, now_s: float) -> None:
         """What is due: flying first, then configuration."""
         if now_s - self._sent_s < SEND_S:

@@ -1,5 +1,7 @@
+import struct
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -93,3 +95,25 @@ def test_an_impossible_board_is_refused() -> None:
         CharucoBoard(9, 7, 0.02, 0.03, "DICT_5X5_100")
     with pytest.raises(CalibrationError, match="no marker dictionary"):
         CharucoBoard(9, 7, 0.03, 0.02, "nonsense")
+
+
+def _held(jpeg: bytes, orientation: int) -> bytes:
+    """The picture with an EXIF header that tells how the camera was held."""
+    entry = struct.pack("<HHIHH", 0x0112, 3, 1, orientation, 0)
+    tiff = b"II*\0" + struct.pack("<IH", 8, 1) + entry + struct.pack("<I", 0)
+    header = b"Exif\0\0" + tiff
+    return jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(header) + 2) + header + jpeg[2:]
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
+def test_pictures_are_read_as_the_sensor_gave_them_however_the_camera_was_held(
+    orientation: int, tmp_path: Path
+) -> None:
+    image = np.zeros((48, 64, 3), dtype=np.uint8)
+    image[:16, :16] = 255
+    jpeg = cv2.imencode(".jpg", image)[1].tobytes()
+    (tmp_path / "held.jpg").write_bytes(_held(jpeg, orientation))
+    ((_, read),) = read_pictures(tmp_path)
+    assert read is not None
+    assert read.shape == (48, 64, 3)
+    assert read[5, 5].mean() > 200.0

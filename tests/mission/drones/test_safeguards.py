@@ -22,7 +22,8 @@ COPTER = {
     "FENCE_RADIUS": 20.0,
     "FENCE_ALT_MAX": 10.0,
     "FENCE_ALT_MIN": -10.0,
-    "FENCE_TOTAL": 0.0,
+    "FENCE_AUTOENABLE": 0.0,
+    "FENCE_OPTIONS": 0.0,
     "GUID_TIMEOUT": 3.0,
 }
 NO_FENCE = {"px4": {**PX4, "GF_ACTION": 0.0}, "ardupilot": {**COPTER, "FENCE_ENABLE": 0.0}}
@@ -44,6 +45,7 @@ class Guarded(FakeVehicle):
         for name, value in {**(PX4 if autopilot == "px4" else COPTER), **changes}.items():
             if value is not None:
                 self.tell(name, value)
+        self.safeguards.take(_wire(mavlink.MAVLink_mission_count_message(1, 192, 0, mavlink.MAV_MISSION_TYPE_FENCE)))
         home = round((37.0 - 15.0 / 111_194.9) * 1e7), round(127.0 * 1e7), 30_000
         zeros = (0.0, 0.0, 0.0)
         self.safeguards.take(_wire(mavlink.MAVLink_home_position_message(*home, *zeros, [1.0, 0.0, 0.0, 0.0], *zeros)))
@@ -136,10 +138,67 @@ def test_what_px4_would_do_without_setpoints_is_told_and_may_forbid_the_flight(
     assert (vehicle.safeguards.refusal(must_hold=True) is None) is (action == 5.0)
 
 
-def test_a_long_guided_timeout_and_a_fence_plan_are_told() -> None:
-    notes = Guarded("ardupilot", GUID_TIMEOUT=30.0, FENCE_TOTAL=7.0).safeguards.cautions()
+def _status(present: bool, enabled: bool) -> Any:
+    geofence = mavlink.MAV_SYS_STATUS_GEOFENCE
+    sensors = geofence * present, geofence * enabled, mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    return mavlink.MAVLink_sys_status_message(*sensors, 0, 12_000, 0, 90, *[0] * 6)
+
+
+@pytest.mark.parametrize(
+    ("enable", "auto", "told", "airborne", "on"),
+    [
+        (1.0, 0.0, None, True, True),
+        (0.0, 0.0, None, True, False),
+        (0.0, 0.0, True, True, True),  # by a switch, or by DO_FENCE_ENABLE
+        (1.0, 0.0, False, True, False),  # switched off, or one that only reports
+        (0.0, 3.0, False, False, True),  # when it arms
+        (0.0, 1.0, None, False, True),
+        (0.0, 1.0, False, True, False),
+    ],
+)
+def test_the_fence_counts_that_ardupilot_enforces_or_will_enforce_when_armed(
+    enable: float, auto: float, told: bool | None, airborne: bool, on: bool
+) -> None:
+    vehicle = Guarded("ardupilot", FENCE_ENABLE=enable, FENCE_AUTOENABLE=auto)
+    if airborne:
+        vehicle.airborne()
+    vehicle.silent = True
+    vehicle.hear(_status(told is not None, bool(told)))
+    assert (vehicle.fence() is not None) is on
+
+
+def test_versions_without_the_newer_parameters_are_asked_for_them_a_few_times_only() -> None:
+    vehicle = Guarded("ardupilot", FENCE_AUTOENABLE=None, FENCE_OPTIONS=None)
+    link = MavlinkLink(loopback_socket(), source_system=1, source_component=192, target_system=1)
+    for _ in range(3):
+        assert not vehicle.safeguards.known
+        vehicle.run(0.42)
+        vehicle.safeguards.ask(link, vehicle.now_s)
+    link.close()
+    assert vehicle.safeguards.known
+
+
+def test_a_fence_across_the_date_line_is_round_home() -> None:
+    vehicle = FakeVehicle("ardupilot").airborne()
+    guards = Safeguards(vehicle.state)
+    vehicle.silent = True
+    vehicle.hear(
+        mavlink.MAVLink_global_position_int_message(0, -177_000_000, -1_799_999_500, 30_000, 9_000, 0, 0, 0, 0)
+    )
+    for name, value in COPTER.items():
+        guards.take(_wire(mavlink.MAVLink_param_value_message(name.encode(), value, 9, 10, 0)))
+    home = -177_000_000, 1_799_999_500, 20_000
+    guards.take(_wire(mavlink.MAVLink_home_position_message(*home, 0, 0, 0, [1.0, 0.0, 0.0, 0.0], 0, 0, 0)))
+    fence = guards.fence()
+    assert fence is not None
+    here = vehicle.state.local
+    assert here is not None
+    assert np.linalg.norm(fence.centre_ned_m - here.position_ned_m[:2]) == pytest.approx(10.6, abs=0.1)
+
+
+def test_a_long_guided_timeout_is_told() -> None:
+    notes = Guarded("ardupilot", GUID_TIMEOUT=30.0).safeguards.cautions()
     assert "flies on for 30 s" in notes[0]
-    assert "polygons and circles" in notes[1]
     assert Guarded("ardupilot").safeguards.cautions() == []
 
 

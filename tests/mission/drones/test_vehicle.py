@@ -10,7 +10,8 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from mission.drones.modes import ModeKind, flight_mode, mode_parameters
 from mission.drones.pose_quality import noise_model, position_covariance
-from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState
+from mission.drones.takeover import sent_elsewhere
+from mission.drones.vehicle import VEHICLE_MESSAGES, PositionTarget, VehicleState
 from tests.mission.tlog import ARDUCOPTER, PX4, messages
 
 
@@ -166,3 +167,82 @@ def test_a_newer_mode_is_always_a_change_and_so_is_one_whose_number_has_come_rou
         state.update(_heartbeat(mode, number), now_s)
     state.update(_heartbeat("LOITER", 200), 12.0)
     assert [mode.name for _, mode in state.take_mode_changes()] == ["LOITER", "GUIDED", "LOITER"]
+
+
+def _heard(message: mavlink.MAVLink_message) -> mavlink.MAVLink_message:
+    message._header = mavlink.MAVLink_header(message.id, srcSystem=1, srcComponent=1)
+    return message
+
+
+def _gps(fix: int, alt_mm: int = 30_000, ellipsoid_mm: int = 0) -> mavlink.MAVLink_message:
+    place = 372_276_000, 1_268_405_000, alt_mm
+    return _heard(mavlink.MAVLink_gps_raw_int_message(0, fix, *place, 100, 100, 0, 0, 10, ellipsoid_mm, 500, 500, 0, 0))
+
+
+def _gps2(fix: int, ellipsoid_mm: int = 0) -> mavlink.MAVLink_message:
+    place = 372_276_000, 1_268_405_000, 30_000
+    return _heard(
+        mavlink.MAVLink_gps2_raw_message(0, fix, *place, 100, 100, 0, 0, 10, 0, 0, 0, ellipsoid_mm, 700, 500, 0, 0)
+    )
+
+
+def _estimating(state: VehicleState, now_s: float) -> None:
+    state.update(_heartbeat("GUIDED", 0), now_s)
+    state.update(_heard(mavlink.MAVLink_ekf_status_report_message(0x33F, 0, 0, 0, 0, 0)), now_s)
+    place = 372_276_000, 1_268_405_000, 100_000, 10_000
+    state.update(_heard(mavlink.MAVLink_global_position_int_message(0, *place, 0, 0, 0, 0)), now_s)
+    state.update(_heard(mavlink.MAVLink_local_position_ned_message(0, 0, 0, -10, 0, 0, 0)), now_s)
+
+
+def test_a_filter_that_flies_on_the_second_receiver_is_healthy() -> None:
+    state = VehicleState()
+    _estimating(state, 10.0)
+    state.update(_gps(1), 10.0)
+    assert not state.position_ok(10.1)
+    state.update(_gps2(3, ellipsoid_mm=53_000), 10.0)
+    assert state.position_ok(10.1)
+    state.update(_gps(1), 10.2)
+    assert state.position_ok(10.2)
+    assert state.gps_accuracy_m == pytest.approx(0.7)
+    assert state.geoid_separation_m == pytest.approx(23.0)
+
+
+def test_a_second_receiver_that_fell_silent_counts_no_longer() -> None:
+    state = VehicleState()
+    state.update(_heartbeat("GUIDED", 0), 10.0)
+    state.update(_gps2(3), 10.0)
+    state.update(_gps(1), 16.0)
+    assert state.gps_fix == 1
+
+
+@pytest.mark.parametrize(
+    ("alt_mm", "ellipsoid_mm", "separation_m"),
+    [
+        (30_000, 53_000, 23.0),
+        (30_000, 30_000, None),
+        (30_000, 0, None),
+        (53_000, 30_000, -23.0),
+        (30_000, 30_001, 1e-3),
+    ],
+)
+def test_a_separation_of_exactly_nothing_is_not_known(
+    alt_mm: int, ellipsoid_mm: int, separation_m: float | None
+) -> None:
+    state = VehicleState()
+    state.update(_heartbeat("GUIDED", 0), 10.0)
+    state.update(_gps(3, alt_mm, ellipsoid_mm), 10.0)
+    assert state.geoid_separation_m == (None if separation_m is None else pytest.approx(separation_m))
+
+
+@pytest.mark.parametrize(("at_e7", "target_e7"), [(1_799_999_900, -1_799_999_900), (-1_799_999_900, 1_799_999_900)])
+def test_a_target_across_the_date_line_is_near(at_e7: int, target_e7: int) -> None:
+    state = VehicleState()
+    state.update(_heartbeat("GUIDED", 0), 10.0)
+    state.update(_heard(mavlink.MAVLink_global_position_int_message(0, 0, at_e7, 0, 0, 0, 0, 0, 0)), 10.0)
+    state.update(_heard(mavlink.MAVLink_local_position_ned_message(0, 0, 0, -10, 0, 0, 0)), 10.0)
+    there = state.local_of(0.0, target_e7 * 1e-7)
+    assert there is not None
+    assert abs(there[1]) == pytest.approx(2.2, abs=0.1)
+    state.position_target = PositionTarget(11.0, 0.0, target_e7 * 1e-7, False)
+    assert sent_elsewhere(state, np.array([0.0, 0.0, -10.0]), 10.5) is None
+    assert sent_elsewhere(state, np.array([0.0, -4.0 * np.sign(there[1]), -10.0]), 10.5) is not None
