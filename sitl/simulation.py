@@ -155,6 +155,8 @@ def _config(scenario: Scenario) -> AutopilotConfig:
         home=scenario.home.origin,
         heading_rad=math.radians(scenario.vehicle.heading_deg),
         wind=Wind(mean, autopilot.gust_m_s),
+        # As the operator of a real one is asked to: `sidestep locate` does not fly where PX4 would not hold.
+        parameters=(("COM_OBL_RC_ACT", 5.0),) if autopilot.flavour == "px4" else (),
     )
 
 

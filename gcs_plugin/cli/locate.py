@@ -23,7 +23,6 @@ from gcs_plugin.progress import Progress
 from mission.detect import make_detector
 from mission.drones.ardrone.url import is_ardrone
 from mission.drones.drone import Drone, Order, OrderState
-from mission.drones.limits import FlightSettings
 from mission.drones.make import make_drone, mavlink_of
 from mission.errors import FlightEnded, FlightRefused, SettingsError
 from mission.geodesy import ce90_m
@@ -102,7 +101,7 @@ def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None
         drone = make_drone(
             settings.link.url,
             target_system=settings.link.system,
-            flight=FlightSettings(min_battery_fraction=settings.link.min_battery),
+            flight=settings.link.flight(),
             pilot_log=folder.path / "pilot.log",
         )
         stack.callback(drone.close)

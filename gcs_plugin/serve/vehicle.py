@@ -20,7 +20,6 @@ from gcs_plugin.serve.session import Crew, Session
 from mission.camera import Camera
 from mission.detect import make_detector
 from mission.drones.drone import Telemetry
-from mission.drones.limits import FlightSettings
 from mission.drones.make import AnyDrone, make_drone, mavlink_of
 from mission.drones.preconditions import unfit
 from mission.errors import LinkError, SettingsError
@@ -68,7 +67,7 @@ class VehicleService:
             drone = make_drone(
                 settings.link.url,
                 target_system=settings.link.system,
-                flight=FlightSettings(min_battery_fraction=settings.link.min_battery),
+                flight=settings.link.flight(),
                 pilot_log=settings.answer.folder / "pilot.log",
                 sparing=True,
             )

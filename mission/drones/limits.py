@@ -32,7 +32,7 @@ class FlightSettings:
     """Setpoints stay this far inside the autopilot's geofence: its overrun after a stop is 1 to 2 m."""
     max_packet_loss: float = 0.3
     """Of what the autopilot sends; beyond, a take-over may be seen too late."""
-    must_hold: bool = False
+    must_hold: bool = True
     """No flight when the autopilot would do anything but hold after our setpoints have stopped."""
 
 

@@ -38,9 +38,9 @@ _OPTIONAL_ATTEMPTS = 3
 _HOLD = 5
 _STOPS_THE_MOTORS = (6, 7)
 _WHEN_SETPOINTS_STOP = {
-    0: "changes to Position, and without a remote control lands",
-    1: "changes to Altitude, and without a remote control lands",
-    2: "changes to manual flight, and without a remote control lands",
+    0: "changes to Position, and without a remote control sinks to the ground while it drifts",
+    1: "changes to Altitude, and without a remote control sinks to the ground while it drifts",
+    2: "changes to manual flight, and without a remote control sinks to the ground while it drifts",
     3: "returns to its home",
     4: "lands",
     6: "terminates the flight",
@@ -105,8 +105,10 @@ class Safeguards:
             )
 
     def order_begins(self) -> None:
-        """Read the fence plan again: a ground station may have changed it since."""
+        """Read the fence plan again, which a ground station may have changed since, and what was never answered."""
         self._plan.refresh()
+        if not set(self._missing()) <= set(_OPTIONAL):
+            self._attempts = min(self._attempts, _ATTEMPTS - _OPTIONAL_ATTEMPTS)
 
     def fence(self) -> Fence | None:
         """The geofence in the local frame; None when there is none, or no place for it yet."""
@@ -140,10 +142,14 @@ class Safeguards:
         action = self._values.get("COM_OBL_RC_ACT")
         if action in _STOPS_THE_MOTORS:
             return (
-                f"PX4 {_WHEN_SETPOINTS_STOP[int(action)]} when setpoints stop (COM_OBL_RC_ACT is {action:.0f}, 5 holds)"
+                f"PX4 {_WHEN_SETPOINTS_STOP[int(action)]} when setpoints stop (COM_OBL_RC_ACT is {action:.0f}): set "
+                "it to 5 (Hold)"
             )
         if must_hold and self._vehicle.autopilot == "px4" and action != _HOLD:
-            return f"PX4 does not hold when setpoints stop (COM_OBL_RC_ACT is {_shown(action)}, 5 holds)"
+            return (
+                f"should the pilot process die, PX4 {_instead_of_holding(action)}: set COM_OBL_RC_ACT to 5 (Hold), or "
+                "accept that with link.accept_failsafe"
+            )
         if self._plan_counts() and self._plan.trouble:
             return f"the autopilot's geofence cannot be checked: {self._plan.trouble}"
         if math.isfinite(self._cylinder()[0]) and self._home_deg is None:
@@ -158,8 +164,7 @@ class Safeguards:
             if action is None:
                 notes.append("PX4 does not tell what it does when setpoints stop (COM_OBL_RC_ACT)")
             elif action != _HOLD:
-                what = _WHEN_SETPOINTS_STOP.get(int(action), "does something unknown")
-                notes.append(f"should the pilot process die, PX4 {what} (COM_OBL_RC_ACT is {action:.0f}, 5 holds)")
+                notes.append(f"should the pilot process die, PX4 {_instead_of_holding(action)}")
         elif values.get("GUID_TIMEOUT", 0.0) > _LONGEST_GUIDED_S:
             notes.append(f"should the pilot process die, it flies on for {values['GUID_TIMEOUT']:.0f} s (GUID_TIMEOUT)")
         if not {"GF_ACTION", "FENCE_ENABLE"} & values.keys():
@@ -224,5 +229,7 @@ def _number(message: Any, autopilot: Autopilot) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _shown(value: float | None) -> str:
-    return "not told" if value is None else f"{value:.0f}"
+def _instead_of_holding(action: float | None) -> str:
+    if action is None:
+        return "does what it does not tell (COM_OBL_RC_ACT is not known)"
+    return f"{_WHEN_SETPOINTS_STOP.get(int(action), 'does something unknown')} (COM_OBL_RC_ACT is {action:.0f})"

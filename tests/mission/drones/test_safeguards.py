@@ -8,10 +8,10 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.drones.drone import Bounds, Knot, OrderState, Path
-from mission.drones.limits import FlightSettings
 from mission.drones.link import MavlinkLink
 from mission.drones.loopback import loopback_socket
 from mission.drones.safeguards import Safeguards
+from mission.settings import LinkSettings
 from tests.mission.drones.fake_vehicle import FakeVehicle
 
 INTEGERS = {"COM_OBL_RC_ACT", "GF_ACTION"}
@@ -127,7 +127,7 @@ def test_a_fence_of_which_only_the_ceiling_is_on_has_no_radius() -> None:
 
 @pytest.mark.parametrize(
     ("action", "refused", "cautioned"),
-    [(5.0, False, False), (0.0, False, True), (3.0, False, True), (4.0, False, True), (6.0, True, True)],
+    [(5.0, False, False), (0.0, True, True), (3.0, True, True), (4.0, True, True), (6.0, True, True)],
 )
 def test_what_px4_would_do_without_setpoints_is_told_and_may_forbid_the_flight(
     action: float, refused: bool, cautioned: bool
@@ -135,7 +135,7 @@ def test_what_px4_would_do_without_setpoints_is_told_and_may_forbid_the_flight(
     vehicle = Guarded("px4", COM_OBL_RC_ACT=action)
     assert ("COM_OBL_RC_ACT" in " ".join(vehicle.safeguards.cautions())) is cautioned
     assert ("COM_OBL_RC_ACT" in _hover(vehicle.airborne())) is refused
-    assert (vehicle.safeguards.refusal(must_hold=True) is None) is (action == 5.0)
+    assert (vehicle.safeguards.refusal(must_hold=False) is None) is (action not in (6.0, 7.0))
 
 
 def _status(present: bool, enabled: bool) -> Any:
@@ -214,7 +214,23 @@ def test_nothing_flies_before_the_safeguards_are_known_and_silence_ends_the_aski
     assert vehicle.safeguards.known
     assert "does not tell what it does when setpoints stop" in vehicle.safeguards.cautions()[0]
     assert "does not tell its geofence" in vehicle.safeguards.cautions()[1]
+    assert "COM_OBL_RC_ACT is not known" in _hover(vehicle)
+    vehicle.flight._settings = LinkSettings(accept_failsafe=True).flight()
     assert _hover(vehicle) == ""
+
+
+def test_what_was_never_answered_is_asked_for_again_when_an_order_begins() -> None:
+    vehicle = Guarded("px4", COM_OBL_RC_ACT=None)
+    asked: list[str] = []
+    link = MavlinkLink(loopback_socket(), source_system=1, source_component=192, target_system=1)
+    link.send = lambda message, **_: asked.append(message.get_type())  # type: ignore[method-assign]  # not the wire
+    for _ in range(2):
+        for _ in range(20):
+            vehicle.run(0.42)
+            vehicle.safeguards.ask(link, vehicle.now_s)
+        vehicle.safeguards.order_begins()
+    link.close()
+    assert asked.count("PARAM_REQUEST_READ") == 13
 
 
 def test_a_link_that_loses_too_much_refuses_the_flight_and_ends_one(vehicle: Guarded) -> None:
@@ -250,4 +266,12 @@ def test_a_guided_vehicle_that_moves_by_itself_is_somebody_elses() -> None:
     vehicle.silent = True
     vehicle.hear(mavlink.MAVLink_local_position_ned_message(0, 0, 0, -3, 2.0, 0, 0))
     assert "another controller is flying it: in GUIDED it moves at 2.0 m/s" in _hover(vehicle)
-    assert FlightSettings().must_hold is False
+
+
+def test_an_operator_may_accept_that_px4_does_not_hold() -> None:
+    assert LinkSettings().flight().must_hold
+    accepted = LinkSettings(accept_failsafe=True).flight()
+    vehicle = Guarded("px4", COM_OBL_RC_ACT=0.0)
+    assert "link.accept_failsafe" in _hover(vehicle.airborne())
+    vehicle.flight._settings = accepted
+    assert _hover(vehicle) == ""
