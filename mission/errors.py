@@ -17,7 +17,11 @@ class SidestepError(Exception):
         super().__init__(f"{cause}. {remedy}" if remedy else cause)
 
 
-class SettingsError(SidestepError):
+class InputError(SidestepError):
+    """What was asked for, or a file that it needs, cannot be used as it is: nothing was tried."""
+
+
+class SettingsError(InputError):
     """A setting or an argument is missing, of a wrong type or out of its range."""
 
 
@@ -31,6 +35,10 @@ class VideoError(SidestepError):
 
 class CalibrationError(SidestepError):
     """A calibration file cannot be read, or the pictures do not support a calibration."""
+
+
+class CalibrationInputError(CalibrationError, InputError):
+    """A camera file, or what a calibration is asked for, cannot be used as it is."""
 
 
 class DetectionError(SidestepError):
@@ -53,7 +61,7 @@ class EstimateRefused(SidestepError):
     """The sightings cannot support a position; the cause and the remedy are named."""
 
 
-class SightingsFormatError(SidestepError):
+class SightingsFormatError(InputError):
     """A sightings file does not follow its format; the message names file and line."""
 
 

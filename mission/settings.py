@@ -11,11 +11,13 @@ from pathlib import Path as FilePath
 from typing import Annotated, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic_core import ErrorDetails
 
 from mission.drones.drone import Bounds
 from mission.drones.limits import FlightSettings
 from mission.errors import SettingsError
 from mission.records import TargetPrior
+from mission.settings_names import unknown_name
 
 
 class _Section(BaseModel):
@@ -274,17 +276,17 @@ def read_settings(path: FilePath | None) -> MissionSettings:
     try:
         settings = MissionSettings.model_validate(content)
     except ValidationError as error:
-        wrong = "; ".join(
-            f"{'.'.join(str(part) for part in item['loc'])}: {_lowered(item['msg'])}" for item in error.errors()
-        )
+        wrong = "; ".join(f"{'.'.join(str(part) for part in item['loc'])}: {_told(item)}" for item in error.errors())
         raise SettingsError(
             f"wrong settings in {path}: {wrong}", "`sidestep settings` prints them all with their ranges."
         ) from error
     return _relative_to(settings, path.parent)
 
 
-def _lowered(message: str) -> str:
-    message = message.removeprefix("Value error, ")
+def _told(item: ErrorDetails) -> str:
+    if item["type"] == "extra_forbidden":
+        return unknown_name(MissionSettings, item["loc"])
+    message = item["msg"].removeprefix("Value error, ")
     return message[:1].lower() + message[1:]
 
 

@@ -1,4 +1,4 @@
-"""`sidestep sitl`: fly scenarios in the simulator and print the answers beside the truth."""
+"""`sidestep sitl`: fly scenarios in the simulator and print each answer beside the truth."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from sitl.accuracy.cli import register as register_accuracy
+from mission.errors import SettingsError
 from sitl.run import Result, fly
-from sitl.scenario import Scenario, read_scenario
+from sitl.scenario import Scenario, check_scenario, read_scenario
 from sitl.score import Score
 
 
 def register(app: typer.Typer) -> None:
-    """Add the simulator's commands to the application."""
-    register_accuracy(app)
+    """Add the command to the application."""
 
     @app.command()
     def sitl(
@@ -39,7 +38,7 @@ def register(app: typer.Typer) -> None:
         Exit status 0 when every flight gave an answer, 3 when some did not.
         """
         console = Console(highlight=False)
-        extra = settings.read_text(encoding="utf-8") if settings is not None else ""
+        extra = _appended(settings)
         planned = [_changed(read_scenario(path), noise, seed) for path in scenarios]
         results = []
         for number, scenario in enumerate(planned, start=1):
@@ -56,12 +55,31 @@ def register(app: typer.Typer) -> None:
 
 
 def _changed(scenario: Scenario, noise: str | None, seed: int | None) -> Scenario:
+    """The scenario with the options given in place of its own.
+
+    Raises:
+        SettingsError: an option is no value of a scenario.
+    """
     content = scenario.model_dump()
     if noise is not None:
         content["autopilot"]["noise"] = noise
     if seed is not None:
         content["seed"] = seed
-    return Scenario.model_validate(content)
+    return check_scenario(content, "--noise, --seed")
+
+
+def _appended(path: Path | None) -> str:
+    """The settings to append.
+
+    Raises:
+        SettingsError: they cannot be read.
+    """
+    if path is None:
+        return ""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingsError(f"cannot read the settings {path}: {error}", "Name an existing TOML file.") from error
 
 
 def _print_result(console: Console, result: Result, folder: Path) -> None:

@@ -95,6 +95,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal, Self
 
@@ -248,9 +249,20 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         SettingsError: it is not TOML, a key is unknown or missing, or a value is out of its range; names all faults.
     """
     try:
-        return Scenario.model_validate(tomllib.loads(text))
+        content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SettingsError(f"{source} is not a TOML file: {error}", "correct the line named") from error
+    return check_scenario(content, source)
+
+
+def check_scenario(content: Mapping[str, object], source: str) -> Scenario:
+    """A scenario from the decoded file.
+
+    Raises:
+        SettingsError: a key is unknown or missing, or a value is out of its range; names all faults.
+    """
+    try:
+        return Scenario.model_validate(content)
     except ValidationError as error:
         faults = [
             f"{'.'.join(str(part) for part in fault['loc']) or 'file'}: {fault['msg']}" for fault in error.errors()

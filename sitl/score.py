@@ -8,12 +8,12 @@ is given beside them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 from mission.errors import AnswerError
 from mission.geodesy import geodetic_to_enu
@@ -22,7 +22,8 @@ from sitl.scenario import Scenario
 from sitl.truth import TruthRing
 from sitl.world import World
 
-ELLIPSE_95 = float(chi2.ppf(0.95, 2))
+ELLIPSE_95 = -2.0 * math.log(0.05)
+"""The 95th percentile of the chi-square distribution with two degrees of freedom."""
 
 
 @dataclass(frozen=True, slots=True)

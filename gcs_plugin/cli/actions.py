@@ -1,4 +1,4 @@
-"""`sidestep actions`: buttons and joystick actions for QGroundControl."""
+"""`sidestep actions`: write the MAVLink Actions file for QGroundControl: Locate, Next person and Abort as buttons."""
 
 from __future__ import annotations
 

@@ -1,45 +1,74 @@
-"""The `sidestep` command: gathers the commands and turns errors into messages and exit codes.
-
-Exit codes: 0 done, 1 failed with a message, 2 arguments or files that cannot be read, 3 some answers are missing.
-"""
+"""The `sidestep` command: gathers the commands and turns errors into messages and exit codes."""
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, version
+from typing import Annotated, cast
 
 import typer
-from rich.console import Console
+from typer.core import TyperGroup
+from typer.main import get_command
 
-from mission.errors import SettingsError, SidestepError
-
-app = typer.Typer(
-    name="sidestep",
-    help="Measure how far away a person is with one drone camera, by stepping aside.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
+from gcs_plugin.cli.exit_codes import exit_code
+from gcs_plugin.cli.lazy import LazyCommand
+from gcs_plugin.cli.missing_extra import missing_extra
+from mission.errors import SidestepError
 
 COMMANDS = ("locate", "serve", "plan", "estimate", "calibrate", "export", "draw", "actions", "settings")
 """Files of this folder; each has `register(app)`."""
+
+
+def program() -> TyperGroup:
+    """The command with all its subcommands, none of them imported yet.
+
+    Other packages add theirs by the entry point group `sidestep.commands`: NAME = "MODULE:register".
+    """
+    app = typer.Typer(name="sidestep", no_args_is_help=True, pretty_exceptions_enable=False)
+    app.callback()(sidestep)
+    group = cast(TyperGroup, get_command(app))  # a callback makes it a group
+    modules = {name: f"gcs_plugin.cli.{name}" for name in COMMANDS}
+    for entry in sorted(entry_points(group="sidestep.commands"), key=lambda e: e.name):
+        modules.setdefault(entry.name, entry.module)
+    for name, module in modules.items():
+        group.add_command(LazyCommand(name, module))
+    return group
+
+
+def sidestep(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the version and end.", is_eager=True, callback=lambda v: _version(v)),
+    ] = False,
+) -> None:
+    """Measure how far away a person is with one drone camera, by stepping aside."""
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"sidestep {version('sidestep')}")
+        raise typer.Exit
 
 
 def main() -> None:
     """Entry point of the `sidestep` command."""
     # The matrices are small: threads that wait for each other, beside a video decoder, cost more than they bring.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for name in COMMANDS:
-        importlib.import_module(f"gcs_plugin.cli.{name}").register(app)
-    for entry in sorted(entry_points(group="sidestep.commands"), key=lambda e: e.name):
-        entry.load()(app)
-    console = Console(stderr=True)
     try:
-        app()
-    except SettingsError as error:
-        console.print(f"[red]sidestep:[/red] {error}", highlight=False)
-        sys.exit(2)
+        program()()
     except SidestepError as error:
-        console.print(f"[red]sidestep:[/red] {error}", highlight=False)
-        sys.exit(1)
+        _end(error)
+    except ModuleNotFoundError as error:
+        named = missing_extra(error)
+        if named is None:
+            raise
+        _end(named)
+
+
+def _end(error: SidestepError) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+
+    Console(stderr=True).print(f"[red]sidestep:[/red] {escape(str(error))}", highlight=False)
+    sys.exit(exit_code(error))

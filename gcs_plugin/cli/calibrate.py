@@ -1,4 +1,4 @@
-"""`sidestep calibrate`: the camera file from a board, from one object at a known place, and the video's latency."""
+"""`sidestep calibrate`: calibrate the camera, the video's latency, and the paper's pattern."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sidestep draw`: the plan view of a flight again, from its sightings, with the truth where somebody knows it."""
+"""`sidestep draw`: draw the plan view of a flight again, from its sightings."""
 
 from __future__ import annotations
 

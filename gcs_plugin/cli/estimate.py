@@ -1,4 +1,4 @@
-"""`sidestep estimate FILE...`: sightings in, one answer line per flight out."""
+"""`sidestep estimate`: estimate where the target of each flight is, from sightings files."""
 
 from __future__ import annotations
 

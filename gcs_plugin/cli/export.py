@@ -1,4 +1,4 @@
-"""`sidestep export`: a log of geotags for other programs."""
+"""`sidestep export`: write the geotags of a log as GeoJSON, KML or CSV."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 from gcs_plugin.durable import write_whole
 from gcs_plugin.export import FORMATS
 from gcs_plugin.geotags import read_geotags
-from mission.errors import SettingsError
+from mission.errors import AnswerError, SettingsError
 
 Format = Enum("Format", {name: name for name in FORMATS})  # type: ignore[misc]  # the choices are the formats
 
@@ -29,7 +29,11 @@ def export(
     """Write the geotags of LOG as GeoJSON, KML or CSV."""
     if not log.is_file():
         raise SettingsError(f"There is no geotag log {log}", "Check the path; `sidestep locate` prints it.")
-    text = FORMATS[to.value](read_geotags(log))
+    try:
+        geotags = read_geotags(log)
+    except AnswerError as error:
+        raise SettingsError(error.cause, "Name a log that Sidestep wrote.") from error
+    text = FORMATS[to.value](geotags)
     if output is None:
         typer.echo(text, nl=False)
     else:

@@ -1,4 +1,4 @@
-"""`sidestep locate`: fly the pattern and say where the person is."""
+"""`sidestep locate`: locate the person in view: hover, turn, fly the pattern, estimate, report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sidestep plan`: which pattern to fly for a wanted accuracy, before take-off."""
+"""`sidestep plan`: find the shortest pattern that measures the distance as exactly as wanted."""
 
 from __future__ import annotations
 

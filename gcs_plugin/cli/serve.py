@@ -1,4 +1,4 @@
-"""`sidestep serve`: wait for a ground station's orders to locate."""
+"""`sidestep serve`: wait for orders from QGroundControl, MAVProxy or Mission Planner, and carry them out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sidestep settings`: every setting with its default, unit and range, as a TOML file to start from."""
+"""`sidestep settings`: print all settings with their defaults, as a TOML file to start from."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from mission.errors import CalibrationError
+from mission.errors import CalibrationInputError
 from mission.records import Image, Matrix
 
 _MIN_CORNERS = 8
@@ -46,7 +46,7 @@ class Chessboard:
         square_m: side of a square.
 
     Raises:
-        CalibrationError: fewer than 4 squares a side, or no size.
+        CalibrationInputError: fewer than 4 squares a side, or no size.
     """
 
     def __init__(self, columns: int, rows: int, square_m: float) -> None:
@@ -82,17 +82,17 @@ class CharucoBoard:
         dictionary: OpenCV's name of the marker dictionary, such as ``DICT_5X5_100``.
 
     Raises:
-        CalibrationError: an impossible board or an unknown dictionary.
+        CalibrationInputError: an impossible board or an unknown dictionary.
     """
 
     def __init__(self, columns: int, rows: int, square_m: float, marker_m: float, dictionary: str) -> None:
         _check(columns, rows, square_m)
         if not 0.0 < marker_m < square_m:
-            raise CalibrationError("The markers of a ChArUco board must be smaller than its squares")
+            raise CalibrationInputError("The markers of a ChArUco board must be smaller than its squares")
         label = dictionary.upper() if dictionary.upper().startswith("DICT_") else f"DICT_{dictionary.upper()}"
         number = getattr(cv2.aruco, label, None)
         if number is None:
-            raise CalibrationError(f"OpenCV has no marker dictionary {label}", "Use for example DICT_5X5_100.")
+            raise CalibrationInputError(f"OpenCV has no marker dictionary {label}", "Use for example DICT_5X5_100.")
         markers = cv2.aruco.getPredefinedDictionary(number)
         self.board = cv2.aruco.CharucoBoard((columns, rows), square_m, marker_m, markers)
         self._detector = cv2.aruco.CharucoDetector(self.board)
@@ -115,6 +115,6 @@ class CharucoBoard:
 
 def _check(columns: int, rows: int, square_m: float) -> None:
     if columns < 4 or rows < 4:
-        raise CalibrationError(f"A board of {columns} x {rows} squares is too small", "Use 4 x 4 squares or more.")
+        raise CalibrationInputError(f"A board of {columns} x {rows} squares is too small", "Use 4 x 4 squares or more.")
     if not square_m > 0.0:
-        raise CalibrationError("The squares of the board have no size", "Measure one and give it in millimetres.")
+        raise CalibrationInputError("The squares of the board have no size", "Measure one and give it in millimetres.")

@@ -14,7 +14,7 @@ import numpy as np
 from mission.camera.board import Board, Corners
 from mission.camera.camera import Camera
 from mission.camera.mounting import Mounting
-from mission.errors import CalibrationError
+from mission.errors import CalibrationError, CalibrationInputError
 from mission.records import CameraIntrinsics, Image, Matrix
 
 MIN_PICTURES = 8
@@ -68,11 +68,13 @@ def read_pictures(folder: Path | str) -> list[tuple[str, Image | None]]:
     """
     place = Path(folder)
     if not place.is_dir():
-        raise CalibrationError(f"There is no folder {folder}", "Give the folder with the pictures of the board.")
+        raise CalibrationInputError(f"There is no folder {folder}", "Give the folder with the pictures of the board.")
     suffixes = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
     paths = sorted(path for path in place.iterdir() if path.suffix.lower() in suffixes)
     if not paths:
-        raise CalibrationError(f"There are no pictures in {folder}", "Put PNG or JPEG pictures of the board there.")
+        raise CalibrationInputError(
+            f"There are no pictures in {folder}", "Put PNG or JPEG pictures of the board there."
+        )
     pictures: list[tuple[str, Image | None]] = []
     for path in paths:
         image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from mission.camera.model import from_field_of_view
 from mission.camera.mounting import Mounting
-from mission.errors import CalibrationError
+from mission.errors import CalibrationError, CalibrationInputError
 from mission.records import CameraIntrinsics, NoiseModel
 
 CALIBRATED_FOCAL_SIGMA = 0.003
@@ -52,12 +52,14 @@ class Camera:
             latency_s: from the middle of the exposure until the picture arrives.
 
         Raises:
-            CalibrationError: the angle or the size is impossible.
+            CalibrationInputError: the angle or the size is impossible.
         """
         try:
             intrinsics = from_field_of_view(width_px, height_px, hfov_rad)
         except ValueError as error:
-            raise CalibrationError(f"Camera: {error}", "Give the full horizontal angle of the video picture.") from None
+            raise CalibrationInputError(
+                f"Camera: {error}", "Give the full horizontal angle of the video picture."
+            ) from None
         note = f"horizontal field of view {math.degrees(hfov_rad):.1f} deg as given, not calibrated"
         mounted = mounting if mounting is not None else Mounting.tilted(0.0)
         return cls(intrinsics, mounted, False, readout_s, latency_s, UNCALIBRATED_FOCAL_SIGMA, note)

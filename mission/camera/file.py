@@ -35,15 +35,15 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mission.camera.camera import CALIBRATED_FOCAL_SIGMA, UNCALIBRATED_FOCAL_SIGMA, Camera
-from mission.camera.model import CameraModel
+from mission.camera.model import MOST_BEND, CameraModel, largest_bend
 from mission.camera.mounting import Mounting, rotation, wxyz
-from mission.errors import CalibrationError
+from mission.errors import CalibrationInputError
 from mission.records import CameraIntrinsics
 
 __all__ = ["Camera", "read_camera", "write_camera"]
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
-_Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+_Focal = Annotated[float, Field(ge=1.0, le=1e6, allow_inf_nan=False)]
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -52,8 +52,8 @@ class _Intrinsics(BaseModel):
     model_config = _STRICT
     width_px: Annotated[int, Field(ge=16, le=16384)]
     height_px: Annotated[int, Field(ge=16, le=16384)]
-    fx: _Positive
-    fy: _Positive
+    fx: _Focal
+    fy: _Focal
     cx: _Finite
     cy: _Finite
     distortion: Annotated[list[_Finite], Field(min_length=5, max_length=5)] = [0.0] * 5
@@ -83,22 +83,22 @@ def read_camera(path: Path | str) -> Camera:
     """Read a camera file.
 
     Raises:
-        CalibrationError: the file cannot be read, is not TOML, or a field is missing, unknown, of a wrong type or
+        CalibrationInputError: the file cannot be read, is not TOML, or a field is missing, unknown, of a wrong type or
             size, not finite or out of its range; the message names file and field.
     """
     remedy = "Make one with `sidestep calibrate`, or give the camera's field of view instead."
     try:
         text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
-        raise CalibrationError(f"The camera file {path} cannot be read: {error.strerror}", remedy) from None
+        raise CalibrationInputError(f"The camera file {path} cannot be read: {error.strerror}", remedy) from None
     except UnicodeDecodeError:
-        raise CalibrationError(f"The camera file {path} is not text", remedy) from None
+        raise CalibrationInputError(f"The camera file {path} is not text", remedy) from None
     try:
         content = _File.model_validate(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
-        raise CalibrationError(f"The camera file {path} is not TOML: {error}", remedy) from None
+        raise CalibrationInputError(f"The camera file {path} is not TOML: {error}", remedy) from None
     except ValidationError as error:
-        raise CalibrationError(
+        raise CalibrationInputError(
             f"The camera file {path} is wrong: {_problems(error)}", "Correct the fields named."
         ) from None
     return _camera(content, path)
@@ -116,11 +116,16 @@ def _camera(content: _File, path: Path | str) -> Camera:
         given.width_px, given.height_px, given.fx, given.fy, given.cx, given.cy, (k1, k2, p1, p2, k3)
     )
     if not (0.0 <= lens.cx <= lens.width_px and 0.0 <= lens.cy <= lens.height_px):
-        raise CalibrationError(f"The camera file {path} is wrong: intrinsics.cx, cy: outside of the picture")
+        raise CalibrationInputError(f"The camera file {path} is wrong: intrinsics.cx, cy: outside of the picture")
+    if not largest_bend(lens) <= MOST_BEND:
+        raise CalibrationInputError(
+            f"The camera file {path} is wrong: intrinsics.distortion: no lens bends a picture so much",
+            "Correct the numbers, or calibrate again.",
+        )
     w, h = float(lens.width_px), float(lens.height_px)
     border = [[x, y] for x in (0.0, w / 2, w) for y in (0.0, h / 2, h)]
     if np.isnan(CameraModel(lens).ray(border)).any():
-        raise CalibrationError(
+        raise CalibrationInputError(
             f"The camera file {path} is wrong: intrinsics.distortion: folds over inside the picture",
             "Calibrate again with board pictures that reach into the picture's corners.",
         )
@@ -142,14 +147,14 @@ def _mounting(given: _Mounting, path: Path | str) -> Mounting:
     forward, right, down = given.position_body_m
     quaternion = given.body_from_camera_wxyz
     if (quaternion is None) == (given.tilt_down_deg is None):
-        raise CalibrationError(
+        raise CalibrationInputError(
             f"The camera file {path} is wrong: mounting: give either body_from_camera_wxyz or tilt_down_deg"
         )
     if quaternion is None:
         return Mounting.tilted(math.radians(given.tilt_down_deg or 0.0), (forward, right, down))
     w, x, y, z = quaternion
     if abs(math.hypot(w, x, y, z) - 1.0) > 1e-3:
-        raise CalibrationError(
+        raise CalibrationInputError(
             f"The camera file {path} is wrong: mounting.body_from_camera_wxyz: not a unit quaternion",
             "Its squares must add up to 1.",
         )
@@ -160,7 +165,7 @@ def write_camera(path: Path | str, camera: Camera) -> None:
     """Write a camera file; an older one is replaced only when the new one is whole.
 
     Raises:
-        CalibrationError: the file cannot be written.
+        CalibrationInputError: the file cannot be written.
     """
     lens, mounting = camera.intrinsics, camera.mounting
     lines = [
@@ -195,6 +200,6 @@ def write_camera(path: Path | str, camera: Camera) -> None:
         draft.replace(target)
     except OSError as error:
         draft.unlink(missing_ok=True)
-        raise CalibrationError(
+        raise CalibrationInputError(
             f"The camera file {path} cannot be written: {error.strerror}", "Choose a folder that can be written to."
         ) from None

@@ -17,6 +17,11 @@ from mission.records import CameraIntrinsics, Matrix, Vector
 _UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
 """OpenCV's default stops after five rounds, which leaves pixels of error at the edge of a wide lens."""
 
+NO_BEND = 1e-12
+"""A coefficient of the distortion below this moves no pixel."""
+MOST_BEND = 10.0
+"""A `largest_bend` beyond this is of no lens."""
+
 
 class CameraModel:
     """Maps pixels to rays and points to pixels (OpenCV, "Camera Calibration and 3D Reconstruction")."""
@@ -123,9 +128,21 @@ def from_field_of_view(width_px: int, height_px: int, hfov_rad: float) -> Camera
     return CameraIntrinsics(width_px, height_px, focal, focal, width_px / 2.0, height_px / 2.0)
 
 
+def largest_bend(intrinsics: CameraIntrinsics) -> float:
+    """How far the strongest term of the distortion moves the picture's corners, in their distance from the axis.
+
+    A real lens stays below one; the value may be infinite.
+    """
+    k1, k2, p1, p2, k3 = (abs(k) for k in intrinsics.distortion)
+    across = max(intrinsics.cx, intrinsics.width_px - intrinsics.cx) / intrinsics.fx
+    down = max(intrinsics.cy, intrinsics.height_px - intrinsics.cy) / intrinsics.fy
+    r = math.hypot(across, down)
+    return max(k1 * r * r, k2 * r * r * r * r, k3 * r * r * r * r * r * r, 3.0 * p1 * r, 3.0 * p2 * r)
+
+
 def _fold_radius(intrinsics: CameraIntrinsics) -> float:
     """Where r (1 + k1 r^2 + k2 r^4 + k3 r^6) stops growing: beyond it a point would appear inside the picture again."""
-    k1, k2, _, _, k3 = intrinsics.distortion
+    k1, k2, _, _, k3 = (k if abs(k) > NO_BEND else 0.0 for k in intrinsics.distortion)
     roots = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])  # d/dr, in r^2; np.roots drops leading zeros
     squares = [root.real for root in roots if abs(root.imag) < 1e-9 and root.real > 0.0]
     return math.sqrt(min(squares)) if squares else math.inf

@@ -6,7 +6,7 @@ import math
 
 from mission.camera.camera import Camera
 from mission.camera.mounting import Mounting
-from mission.errors import CalibrationError
+from mission.errors import CalibrationError, CalibrationInputError
 from mission.records import CameraIntrinsics
 
 _DISTANCE_SIGMA_M = 0.01
@@ -36,11 +36,11 @@ def calibrate_theta(
     """
     for name, value in (("depth", depth_m), ("side distance", side_m), ("pixel offset", offset_px)):
         if not (math.isfinite(value) and value > 0.0):
-            raise CalibrationError(f"The {name} {value} is not a positive number", "Measure it again.")
+            raise CalibrationInputError(f"The {name} {value} is not a positive number", "Measure it again.")
     if width_px < 16 or height_px < 16:
-        raise CalibrationError(f"A picture of {width_px} x {height_px} px is too small", "Check width and height.")
+        raise CalibrationInputError(f"A picture of {width_px} x {height_px} px is too small", "Check width and height.")
     if offset_px > width_px / 2.0:
-        raise CalibrationError(
+        raise CalibrationInputError(
             f"{offset_px:.0f} px from the middle is outside of a picture {width_px} px wide",
             "Count the pixels from the middle of the picture to the object.",
         )

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from mission.camera.model import CameraModel
-from mission.errors import CalibrationError
+from mission.errors import CalibrationInputError
 from mission.records import CameraIntrinsics, Image, Matrix, Vector
 
 LEAST_MARKERS = 2
@@ -41,16 +41,16 @@ class MarkerWall:
         spacing_m: from the middle of one to that of the next.
 
     Raises:
-        CalibrationError: an unknown dictionary, or sizes that cannot be.
+        CalibrationInputError: an unknown dictionary, or sizes that cannot be.
     """
 
     def __init__(self, dictionary: str, marker_m: float, spacing_m: float) -> None:
         label = dictionary.upper() if dictionary.upper().startswith("DICT_") else f"DICT_{dictionary.upper()}"
         number = getattr(cv2.aruco, label, None)
         if number is None:
-            raise CalibrationError(f"OpenCV has no marker dictionary {label}", "Use for example DICT_4X4_50.")
+            raise CalibrationInputError(f"OpenCV has no marker dictionary {label}", "Use for example DICT_4X4_50.")
         if not 0.0 < marker_m < spacing_m < 100.0:
-            raise CalibrationError(
+            raise CalibrationInputError(
                 f"Markers of {marker_m:g} m cannot stand {spacing_m:g} m apart", "Measure both, in metres."
             )
         self._spacing_m = spacing_m

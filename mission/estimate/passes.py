@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from mission.errors import EstimateRefused
 from mission.estimate.fuse import BETWEEN_PSD_M2_S3, Carried, carry_on
@@ -21,7 +21,7 @@ from mission.records import Estimate, FlightSightings
 
 _COMPARED = [0, 1, 3, 4, 6]
 """Horizontal position and velocity, and the size: places in what is carried."""
-SAME_TARGET_CHI2 = float(chi2.ppf(0.999, len(_COMPARED)))
+SAME_TARGET_CHI2 = 2.0 * float(gammaincinv(len(_COMPARED) / 2.0, 0.999))
 """A target that moves as expected fails once in a thousand passes."""
 
 

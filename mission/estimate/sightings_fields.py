@@ -1,9 +1,9 @@
 """The fields of a sightings file: JSON objects to records, checked one by one (format `sidestep-sightings`, version 1).
 
-Nothing is guessed: a field that is missing, null, of a wrong type, not finite or out of its range raises
-`FieldError` with the field's name. The exceptions are the format's own: `noise` and `prior` fields have documented
-defaults, a sighting's `pixel_sigma_px` and `size_sigma` are optional, `height_px` may be null, and unknown fields
-are ignored.
+Nothing is guessed: a field that is missing, null, of a wrong type, not finite, beyond `LARGEST` or out of its range
+raises `FieldError` with the field's name. The exceptions are the format's own: `noise` and `prior` fields have
+documented defaults, a sighting's `pixel_sigma_px` and `size_sigma` are optional, `height_px` may be null, and unknown
+fields are ignored.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import fields
 
+from mission.camera.model import MOST_BEND, largest_bend
 from mission.records import CameraIntrinsics, Datum, FlightSightings, GeodeticOrigin, NoiseModel, Sighting, TargetPrior
 
 FORMAT = "sidestep-sightings"
@@ -21,6 +22,11 @@ _UNIT_TOLERANCE = 1e-3
 """How far a quaternion's norm may be from one: four written decimals, no more."""
 
 _EXACT = 1e-12
+
+LARGEST = 1e12
+"""Of any number: no unit of the format makes sense of more."""
+SMALLEST = 1e-12
+"""Of a number that must not be negative, where it is not zero."""
 
 _DATUMS: Mapping[str, Datum] = {"ellipsoid": "ellipsoid", "amsl": "amsl", "home": "home"}
 
@@ -106,7 +112,7 @@ def _camera(record: Mapping[str, object]) -> CameraIntrinsics:
         if value != int(value):
             raise FieldError(f'"{name}" is not a whole number')
     k1, k2, p1, p2, k3 = _numbers(record, "distortion", 5)
-    return CameraIntrinsics(
+    lens = CameraIntrinsics(
         width_px=int(width),
         height_px=int(height),
         fx=_positive(record, "fx"),
@@ -115,6 +121,9 @@ def _camera(record: Mapping[str, object]) -> CameraIntrinsics:
         cy=_number(record, "cy"),
         distortion=(k1, k2, p1, p2, k3),
     )
+    if not largest_bend(lens) <= MOST_BEND:
+        raise FieldError('"distortion" bends the picture as no lens does')
+    return lens
 
 
 def _noise(record: Mapping[str, object]) -> NoiseModel:
@@ -163,6 +172,8 @@ def _finite(value: object, name: str) -> float:
         number = math.inf
     if not math.isfinite(number):
         raise FieldError(f'"{name}" is not finite')
+    if abs(number) > LARGEST:
+        raise FieldError(f'"{name}" is {number:g}, which is beyond {LARGEST:g}')
     return number
 
 
@@ -174,13 +185,15 @@ def _positive(record: Mapping[str, object], name: str) -> float:
     value = _number(record, name)
     if not value > 0.0:
         raise FieldError(f'"{name}" is {value:g} and has to be above 0')
-    return value
+    return _not_negative(record, name)
 
 
 def _not_negative(record: Mapping[str, object], name: str) -> float:
     value = _number(record, name)
     if value < 0.0:
         raise FieldError(f'"{name}" is {value:g} and cannot be below 0')
+    if 0.0 < value < SMALLEST:
+        raise FieldError(f'"{name}" is {value:g}, which is below {SMALLEST:g}')
     return value
 
 

@@ -1,4 +1,4 @@
-"""`sidestep accuracy`: the methods beside each other on simulated flights, as a table, as CSV and as a picture."""
+"""`sidestep accuracy`: measure every method's depth error on simulated sightings, beside the bound."""
 
 from __future__ import annotations
 

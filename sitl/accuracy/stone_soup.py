@@ -20,7 +20,9 @@ from mission.errors import EstimateRefused
 from mission.records import Estimate, FlightSightings, Matrix, Vector
 from sitl.accuracy.filter_problem import FilterProblem, filter_problem
 
-NOT_INSTALLED = "Stone Soup is not installed, so its EKF and UKF are left out; `pip install stonesoup` brings them"
+NOT_INSTALLED = (
+    "Stone Soup is not installed, so its EKF and UKF are left out; `pip install 'sidestep[accuracy]'` brings them"
+)
 _EPOCH = datetime(2000, 1, 1)  # Stone Soup wants dates; only their differences count.
 _ORDER = np.array((0, 3, 1, 4, 2, 5))
 """Place of Stone Soup's x, vx, y, vy, z, vz in position and velocity."""
@@ -49,7 +51,7 @@ class StoneSoup:
             EstimateRefused: too few sightings, Stone Soup is not installed, or the filter broke down.
         """
         if not installed():
-            raise EstimateRefused("Stone Soup is not installed", "pip install stonesoup")
+            raise EstimateRefused("Stone Soup is not installed", "pip install 'sidestep[accuracy]'")
         problem = filter_problem(flight)
         try:
             mean, covariance = _filtered(problem, self.kind)

@@ -128,3 +128,19 @@ def test_the_printed_settings_name_the_whole_prior_and_are_good_settings(tmp_pat
     (line,) = [line for line in lines if "ground_above_take_off_m =" in line]
     assert "at least -1000" in line
     assert "take-off point" in line
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("[pattern]\nlenght_m = 3.0\n", "pattern.lenght_m: there is no such setting; did you mean pattern.length_m?"),
+        ("length_m = 3.0\n", "did you mean pattern.length_m?"),
+        ("[patern]\nlength_m = 3.0\n", "did you mean pattern?"),
+        ("[pattern]\nmax_speed_m_s = 3.0\n", "did you mean limits.max_speed_m_s?"),
+        ("[zebra]\nx = 3.0\n", "zebra: there is no such setting;"),
+    ],
+)
+def test_a_name_that_no_setting_has_is_answered_with_the_nearest(tmp_path: Path, text: str, meant: str) -> None:
+    with pytest.raises(SettingsError) as caught:
+        read_settings(written(tmp_path, text))
+    assert (f"{caught.value};").replace(". `", "; `").count(meant) == 1

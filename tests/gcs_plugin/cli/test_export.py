@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from gcs_plugin.cli.export import register
 from gcs_plugin.geotags import GeotagLog
-from mission.errors import AnswerError, SettingsError
+from mission.errors import SettingsError
 from tests.gcs_plugin.sample import geotag
 
 
@@ -49,14 +49,12 @@ def test_the_exported_geotag_is_the_one_in_the_log(app: typer.Typer, log: Path) 
     assert json.loads(shown.stdout)["features"][0]["properties"]["id"] == "tag-1"
 
 
-def test_a_log_that_is_not_there_is_an_argument_error_and_one_of_another_kind_a_failure(
-    app: typer.Typer, tmp_path: Path
-) -> None:
+def test_a_log_that_is_not_there_and_one_of_another_kind_are_argument_errors(app: typer.Typer, tmp_path: Path) -> None:
     missing = CliRunner().invoke(app, ["export", str(tmp_path / "none.gpkg"), "--format", "csv"])
     assert isinstance(missing.exception, SettingsError)
     other = tmp_path / "other.gpkg"
     other.write_bytes(b"something else " * 100)
-    assert isinstance(CliRunner().invoke(app, ["export", str(other), "--format", "csv"]).exception, AnswerError)
+    assert isinstance(CliRunner().invoke(app, ["export", str(other), "--format", "csv"]).exception, SettingsError)
 
 
 def test_an_unknown_format_is_refused_with_the_choices(app: typer.Typer, log: Path) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mission.camera import Camera, Mounting, read_camera, write_camera
+from mission.camera import Camera, CameraModel, Mounting, read_camera, write_camera
 from mission.errors import CalibrationError
 from mission.records import CameraIntrinsics, NoiseModel
 
@@ -62,6 +62,9 @@ def test_a_file_by_hand_may_give_the_tilt_and_leave_out_what_has_a_default(tmp_p
         ("cy = 240.0", "cy = 240.0\ndistortion = [0.1, 0.2]", "intrinsics.distortion"),
         ("cy = 240.0", "cy = 240.0\ndistortion = [-2.0, 0, 0, 0, 0]", "intrinsics.distortion"),
         ("cy = 240.0", "cy = 240.0\ndistortion = [0, 0, nan, 0, 0]", "intrinsics.distortion"),
+        ("cy = 240.0", "cy = 240.0\ndistortion = [1e5, 0, 0, 0, 0]", "no lens bends a picture so much"),
+        ("cy = 240.0", "cy = 240.0\ndistortion = [0, 0, 0, 0, 1e300]", "no lens bends a picture so much"),
+        ("cy = 240.0", "cy = 240.0\ndistortion = [0, 0, 1e300, 0, 0]", "no lens bends a picture so much"),
         ("tilt_down_deg = 20.0", "body_from_camera_wxyz = [1.0, 1.0, 0.0, 0.0]", "body_from_camera_wxyz"),
         ("tilt_down_deg = 20.0", "", "mounting"),
         ("tilt_down_deg = 20.0", "tilt_down_deg = 20.0\nposition_body_m = [1.0]", "mounting.position_body_m"),
@@ -130,3 +133,9 @@ def test_a_rolling_shutter_exposes_the_middle_row_at_the_frames_time() -> None:
     assert CAMERA.row_time_s(5.0, 240.0) == pytest.approx(5.0)
     assert CAMERA.row_time_s(5.0, 0.0) == pytest.approx(5.0 - 0.0125)
     assert CAMERA.row_time_s(5.0, 480.0) == pytest.approx(5.0 + 0.0125)
+
+
+def test_the_smallest_of_all_numbers_as_a_distortion_is_none(tmp_path: Path) -> None:
+    text = GOOD.replace("cy = 240.0", "cy = 240.0\ndistortion = [5e-324, 5e-324, 0, 0, 5e-324]")
+    model = CameraModel(read_camera(written(tmp_path, text)).intrinsics)
+    assert model.max_radius == math.inf

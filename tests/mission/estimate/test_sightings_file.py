@@ -109,6 +109,12 @@ def test_every_noise_and_prior_field_is_checked(group: str, bad: object) -> None
         assert f'"{name}"' in problem({**HEADER, group: {**HEADER[group], name: bad}}, *SIGHTINGS)
 
 
+@pytest.mark.parametrize("distortion", [[1e5, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1e12, 0.0, 0.0]], ids=str)
+def test_a_distortion_of_no_lens_is_refused(distortion: list[float]) -> None:
+    camera = {**HEADER["camera"], "distortion": distortion}
+    assert '"distortion" bends the picture' in problem({**HEADER, "camera": camera}, *SIGHTINGS)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -118,6 +124,9 @@ def test_every_noise_and_prior_field_is_checked(group: str, bad: object) -> None
         ({"pixel": [1.0, float("nan")]}, "not finite"),
         ({"height_px": 0.0}, "above 0"),
         ({"height_px": -3.0}, "above 0"),
+        ({"height_px": 5e-324}, "below 1e-12"),
+        ({"size_sigma": 1e-300}, "below 1e-12"),
+        ({"position_enu_m": [0.0, 1e300, 0.0]}, "beyond 1e+12"),
         ({"pixel_sigma_px": -1.0}, "below 0"),
         ({"size_sigma": None}, "null"),
         ({"t_s": 0.5}, "backwards"),
