@@ -12,6 +12,8 @@ from mission.errors import DetectionError
 from mission.flight_loop import FlightLoop
 from mission.located import Stage, Watcher
 from mission.pointing import Pointing
+from mission.records import Frame
+from mission.regain import Regain
 
 CENTRED_RAD = math.radians(3.0)
 NEARLY_CENTRED_RAD = math.radians(12.0)
@@ -33,6 +35,7 @@ class Centring:
         drone: for its poses.
         pointing: follows the target.
         meter: measures the time offset; None when it shall not be measured.
+        regain: takes a target back that left the picture.
         watcher: is told.
         clock: the program's clock, seconds.
     """
@@ -43,6 +46,7 @@ class Centring:
         drone: Drone,
         pointing: Pointing,
         meter: TimeOffsetMeter | None,
+        regain: Regain,
         watcher: Watcher,
         clock: Callable[[], float],
     ) -> None:
@@ -50,6 +54,7 @@ class Centring:
         self._drone = drone
         self._pointing = pointing
         self._meter = meter
+        self._regain = regain
         self._watcher = watcher
         self._clock = clock
         self._offset: TimeOffset | None = None
@@ -70,7 +75,10 @@ class Centring:
             track = self._pointing.follow(frame, turn)
             self._watcher.frame(frame, track)
             if track.state == "lost":
-                raise DetectionError("the target was lost while turning to it", "Try again, or choose it by a box.")
+                self._wiggle_s = centred_since_s = None
+                if not self._regain.run(Stage.CENTRE, self._show_meter, steer=True):
+                    raise DetectionError("the target was lost while turning to it", "Try again, or choose it by a box.")
+                continue
             now = self._clock()
             beside = self._wiggle(now)
             self._pointing.steer(now, beside or 0.0)
@@ -98,6 +106,10 @@ class Centring:
         self._watcher.stage(Stage.CENTRE, "the target is not quite centred; going on")
         self._give_up()
         return self._offset
+
+    def _show_meter(self, frame: Frame) -> None:
+        if self._meter is not None:
+            self._meter.add(frame)
 
     def _wiggle(self, now_s: float) -> float | None:
         """How far to point beside the target; None when no wiggle is flown."""

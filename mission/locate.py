@@ -32,6 +32,7 @@ from mission.pattern import fitted, lateral_path
 from mission.pointing import Pointing, TargetTracker
 from mission.pose import PoseAt
 from mission.records import FlightSightings, GeodeticOrigin, NoiseModel, TargetPrior
+from mission.regain import Regain
 from mission.reposition import follow_path
 from mission.settings import MissionSettings
 from mission.steady import Steadied
@@ -97,6 +98,7 @@ class Locate:
         self._passes = Passes()
         self._before: str | None = None
         self._pointing = Pointing(drone, camera, tracker, cautious=settings.video.check_offset)
+        self._regain = Regain(self._loop, detector, tracker, self._pointing, watcher, clock)
 
     def run(self, choice: TargetChoice, flight_id: str) -> Located:
         """Fly the whole procedure, with as many sidesteps as the settings want.
@@ -156,7 +158,7 @@ class Locate:
         for frame in self._loop.until_done(ORDER_TIMEOUT_S):
             track = self._pointing.follow(frame)
             self._watcher.frame(frame, track)
-            if track.state == "lost":
+            if track.state == "lost" and not self._regain.run(Stage.HOVER, lambda _: None, steer=False):
                 raise DetectionError("the target was lost while control was taken", "Try again.")
 
     def _take_off_up_m(self) -> float | None:
@@ -190,7 +192,9 @@ class Locate:
         )
 
     def _centre(self) -> TimeOffset | None:
-        return Centring(self._loop, self._drone, self._pointing, self._offset.meter, self._watcher, self._clock).run()
+        return Centring(
+            self._loop, self._drone, self._pointing, self._offset.meter, self._regain, self._watcher, self._clock
+        ).run()
 
     def _sidestep(self, flight_id: str) -> FlightRecord:
         azimuth = self._pointing.azimuth(self._clock())

@@ -18,12 +18,21 @@ from mission.records import Box, Frame, Vector
 from mission.sighting import azimuth_of, camera_position, roll_of, rotation_shift, world_from_camera
 from mission.track import Track
 
+EXPECTED_RAD = math.radians(12.0)
+"""How far from its aim a target may come back: what it walked meanwhile, and what the aim lags."""
+LIKE_SIZE = 1.8
+"""Ratio of apparent heights that may be the same person's."""
+
 
 class TargetTracker(Protocol):
     """Keeps to one person from frame to frame (`mission.track.Tracker`)."""
 
     def start(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> None:
         """The target is in this box."""
+        ...
+
+    def take_back(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> bool:
+        """Follow the target again if it is who is in this box, after it was lost."""
         ...
 
     def update(
@@ -57,6 +66,7 @@ class Pointing:
         self._aim = Aim(cautious=cautious)
         self._pose: Pose | None = None
         self._pixel = (camera.intrinsics.cx, camera.intrinsics.cy)
+        self._height_px: float | None = None
         self.offset_s = 0.0
         """How much later than telemetry the video's clock runs."""
         self.roll_rad = 0.0
@@ -80,7 +90,28 @@ class Pointing:
                 self._observe(track, pose)
         return track
 
+    def pass_over(self, frame: Frame) -> None:
+        """Take in where the camera was at a frame in which the target is not followed."""
+        pose = self._drone.pose_at(frame.t_s - self.offset_s)
+        if pose is not None:
+            self._pose, self.roll_rad = pose, roll_of(pose, self._camera)
+
+    def expects(self, box: Box) -> bool:
+        """Whether somebody in this box of the last frame is where the target should be, and of its size."""
+        if self._pose is None or self._height_px is None:
+            return False
+        expected = self.azimuth(self._pose.t_s)
+        larger = box.height_px / self._height_px
+        if expected is None or not 1.0 / LIKE_SIZE < larger < LIKE_SIZE:
+            return False
+        return abs(wrapped(azimuth_of(box.centre_px, self._pose, self._camera) - expected)) < EXPECTED_RAD
+
+    def resume(self, box: Box) -> None:
+        """The target is in this box of the last frame."""
+        self._pixel = box.centre_px
+
     def _observe(self, track: Track, pose: Pose) -> None:
+        self._height_px = track.box.height_px
         focal_px = self._camera.intrinsics.fy
         if self._aim.point_m is None:
             self._aim.range_m = presumed_range(track.height_px or track.box.height_px, focal_px)

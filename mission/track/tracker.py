@@ -84,6 +84,29 @@ class Tracker:
         body = min(bodies, key=lambda b: float(np.hypot(*np.subtract(b.centre, body.centre))), default=body)
         self._begin(frame, body.centre, body.height_px, not body.whole, roll_rad)
 
+    def take_back(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> bool:
+        """Follow the target again, after it was lost, if it is who is in a box: the colours tell.
+
+        Args:
+            frame: the frame in which the person was detected.
+            box: of the person, from a detector.
+            roll_rad: as for `start`.
+
+        Raises:
+            DetectionError: there is no person in the box, or `start` was never called.
+        """
+        target = self._target
+        if target is None:
+            raise DetectionError("The tracker was not started", "Choose a target first.")
+        body = whole_body(self._eyes, frame.image, box, roll_rad)
+        window = _upright(frame.image, body.centre, body.height_px, roll_rad)
+        if likeness(colours(window, _MIDDLE, _BODY), target.looks) < _SAME_LOOKS:
+            return False
+        self.start(frame, box, roll_rad)
+        if self._target is not None:
+            self._target.looks = target.looks
+        return True
+
     def update(
         self,
         frame: Frame,

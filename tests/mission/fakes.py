@@ -221,6 +221,10 @@ class Sight:
 
     def start(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> None: ...
 
+    def take_back(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> bool:
+        self.gone_from_s = math.inf
+        return True
+
     def update(
         self,
         frame: Frame,

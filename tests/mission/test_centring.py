@@ -6,14 +6,18 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
 import pytest
 
 from mission.camera.time_offset import TimeOffset
+from mission.errors import DetectionError
 from mission.flight_offset import UNKNOWN_OFFSET_S, offset_uncertain
-from mission.located import Located, Stage
-from mission.pose import Pose
-from mission.records import Frame, NoiseModel
+from mission.located import Located, Stage, TargetChoice
+from mission.pose import Pose, heading
+from mission.records import Box, Detection, Frame, Image, NoiseModel
 from mission.settings import MissionSettings
+from mission.track import Track
+from tests.mission.fakes import Sight
 from tests.mission.test_locate import Scene
 
 SURE = TimeOffset(0.0, 0.003, 0.4, 1.0)
@@ -91,3 +95,80 @@ def test_a_known_uncertainty_widens_the_noise_by_what_it_turns() -> None:
     assert offset_uncertain(noise, 0.0) == noise
     assert offset_uncertain(noise, 0.01).heading_sigma_rad == pytest.approx(math.hypot(0.004, 0.003))
     assert offset_uncertain(noise) == offset_uncertain(noise, UNKNOWN_OFFSET_S)
+
+
+class Elusive(Sight):
+    """Out of the picture for some time of the turn; a tracker has given it up when it comes back."""
+
+    away_s: tuple[float, float] = (math.inf, math.inf)
+    refuses = False
+    beside = False
+    lost = False
+    taken_back = 0
+
+    def detect(self, image: Image, region: Box | None = None) -> list[Detection]:
+        found = [] if self._gone() else super().detect(image, region)
+        if self.beside and found:
+            box = found[0].box
+            found.append(Detection(Box(box.left_px + 25.0, box.top_px, box.width_px, box.height_px), 0.9))
+        return found
+
+    def take_back(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> bool:
+        self.lost = self.refuses
+        self.taken_back += 1
+        return not self.refuses
+
+    def update(self, frame: Frame, *motion: object, **more: object) -> Track:
+        self.lost = self.lost or self._gone()
+        gone_from_s, self.gone_from_s = self.gone_from_s, -math.inf if self.lost else math.inf
+        track = super().update(frame)
+        self.gone_from_s = gone_from_s
+        return track
+
+    def _gone(self) -> bool:
+        return self.away_s[0] <= self.drone.t_s < self.away_s[1]
+
+
+def leaving(away_s: tuple[float, float], **how: bool) -> tuple[Scene, Elusive]:
+    scene = Scene(right=3.0)
+    sight = Elusive(scene.drone, scene.walker)
+    sight.away_s = away_s
+    for name, value in how.items():
+        setattr(sight, name, value)
+    scene.sight = sight
+    return scene, sight
+
+
+def test_a_target_that_leaves_the_picture_while_the_aircraft_turns_is_taken_back() -> None:
+    scene, sight = leaving((100.5, 102.0))
+    located = scene.run()
+    assert sight.taken_back == 1
+    assert "the target is in the picture again" in scene.notes.texts
+    truth = scene.walker.at(located.estimate.t_s)
+    assert np.linalg.norm(located.estimate.position_enu_m[:2] - truth[:2]) < 0.05
+
+
+def test_the_aircraft_turns_on_to_where_the_target_should_be_while_it_is_away() -> None:
+    scene, _ = leaving((100.5, 103.0))
+    scene.run()
+    headings = [pose.world_from_body_wxyz for pose in scene.drone._poses if 102.5 < pose.t_s < 102.9]
+    bearing = math.atan2(3.0, 6.0)
+    assert heading(headings[-1]) == pytest.approx(bearing, abs=math.radians(4.0))
+
+
+@pytest.mark.parametrize("how", [{"refuses": True}, {"beside": True}], ids=["other looks", "two people"])
+def test_somebody_else_is_not_taken_for_the_target(how: dict[str, bool]) -> None:
+    scene, sight = leaving((100.5, 101.0), **how)
+    scene.choice = TargetChoice()
+    with pytest.raises(DetectionError, match="lost while turning"):
+        scene.run()
+    assert scene.drone.calls[-1] == "hold"
+    assert sight.taken_back == 0 or how.get("refuses")
+
+
+def test_nobody_who_comes_back_ends_the_flight_after_some_seconds() -> None:
+    scene, _ = leaving((100.5, math.inf))
+    with pytest.raises(DetectionError, match="lost while turning"):
+        scene.run()
+    assert 104.0 < scene.drone.t_s < 108.0
+    assert scene.drone.calls[-1] == "hold"

@@ -29,6 +29,9 @@ class Told:
 
     def start(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> None: ...
 
+    def take_back(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> bool:
+        return False
+
     def update(
         self,
         frame: Frame,

@@ -154,3 +154,21 @@ def test_a_height_is_not_reported_while_the_feet_are_out_of_the_picture(network:
     assert tracks[-1].state == "tracking"
     assert tracks[-1].height_px is None
     assert tracks[-1].size_sigma is None
+
+
+def test_a_lost_target_is_taken_back_by_its_colours_and_nobody_else_is(network: NanoDet) -> None:
+    first, *_ = film(person(6.0) + BLUE, 2)
+    later = film(person(6.0, 8.0) + BLUE, 2)[-1]
+    other = film(person(6.0, 8.0) + RED, 2)[-1]
+    tracker = Tracker(network)
+    tracker.start(first.frame, first.box)
+    assert not tracker.take_back(other.frame, other.box)
+    assert tracker.take_back(later.frame, later.box)
+    track = tracker.update(film(person(6.0, 8.0) + BLUE, 3)[-1].frame)
+    assert track.state == "tracking"
+
+
+def test_nobody_is_taken_back_before_there_was_a_target(network: NanoDet) -> None:
+    shot, *_ = film(person(6.0), 1)
+    with pytest.raises(DetectionError, match="not started"):
+        Tracker(network).take_back(shot.frame, shot.box)

@@ -36,6 +36,9 @@ class Still:
     def start(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> None:
         self.box = box
 
+    def take_back(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> bool:
+        return False
+
     def update(
         self,
         frame: Frame,
