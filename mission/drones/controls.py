@@ -1,50 +1,69 @@
-"""What the pilot process can do to the vehicle: MAVSDK's offboard and action plugins, and commands of our own."""
+"""What the pilot process can do to the vehicle: setpoints by MAVSDK, orders by commands of our own."""
 
 from __future__ import annotations
 
 import logging
 import math
-import threading
 import time
 from collections.abc import Callable
+from typing import Any, Final
 
-from mavsdk.plugins.action import Action
 from mavsdk.plugins.offboard import Offboard, OffboardError, PositionNedYaw, VelocityNedYaw
 from mavsdk.system import System
 from pymavlink.dialects.v20 import all as mavlink
 
+from mission.drones.flight_controls import Answer, Ordered
 from mission.drones.link import MavlinkLink
 from mission.drones.modes import ModeKind, mode_parameters
+from mission.drones.packet_loss import PacketLoss
 from mission.drones.path_follower import Setpoint
 from mission.drones.vehicle import VehicleState
-from mission.errors import LinkError
 
 _LOG = logging.getLogger(__name__)
 _TEXT_S = 3.0
+_LOSSY = 0.01
+"""Fraction of lost packets beyond which a missing answer tells nothing."""
+_HEARD_S = 0.2
+"""Without any packet for longer, what was sent may be missing without a gap in the numbers that shows it."""
+_COMMANDS: Final[dict[Ordered, int]] = {
+    "mode": mavlink.MAV_CMD_DO_SET_MODE,
+    "arm": mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+    "take-off": mavlink.MAV_CMD_NAV_TAKEOFF,
+}
+_ORDERS: Final[dict[int, Ordered]] = {command: order for order, command in _COMMANDS.items()}
+_TAKEN: Final = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
 
 
 class MavsdkControls:
     """`mission.drones.flight_controls.Controls` on MAVSDK 4. Nothing blocks: answers show in the vehicle's state.
 
-    MAVSDK repeats the last setpoint at 20 Hz for ever. Destroying its Offboard plugin is the one way to silence it that
-    leaves the flight mode alone (`offboard.stop` commands Hold, which would undo what the pilot has just chosen).
+    Only setpoints go through MAVSDK: its plugins send a command again when the answer is lost, whatever the pilot has
+    done since, and end the process when they are destroyed meanwhile. Its Offboard plugin streams the last setpoint at
+    20 Hz without having been started; destroying it is the one way to silence it.
 
     Args:
         system: the vehicle in MAVSDK.
-        link: the pilot process's own pymavlink side, for modes and the take-off command.
+        link: the pilot process's own pymavlink side, for all orders.
         vehicle: what the autopilot reports.
+        loss: of the packets that the autopilot sends.
         clock: monotonic seconds.
     """
 
     def __init__(
-        self, system: System, link: MavlinkLink, vehicle: VehicleState, clock: Callable[[], float] = time.monotonic
+        self,
+        system: System,
+        link: MavlinkLink,
+        vehicle: VehicleState,
+        loss: PacketLoss,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._system = system
         self._link = link
         self._vehicle = vehicle
+        self._loss = loss
         self._clock = clock
-        self._action = Action(system)
         self._offboard: Offboard | None = None
+        self._answers: dict[Ordered, tuple[float, int]] = {}
         self._complaint = ""
 
     def setpoint(self, setpoint: Setpoint, yaw_rad: float) -> None:
@@ -62,18 +81,6 @@ class MavsdkControls:
             # The link is down, which the flight sees by itself.
             _LOG.warning("setpoint: %s", error)
 
-    def start(self) -> None:
-        """Ask for the mode that flies setpoints."""
-        if self._offboard is not None:
-            self._offboard.start_async(lambda result, _: self._answered("offboard", result.name))
-
-    def stop(self) -> None:
-        """Stop the setpoints and ask for hold."""
-        if self._offboard is not None:
-            self._offboard.stop_async(lambda result, _: self._answered("hold", result.name))
-        else:
-            self.ask_mode("hold", 0)
-
     def release(self) -> None:
         """Stop the setpoints at once and leave the mode as it is."""
         offboard, self._offboard = self._offboard, None
@@ -81,53 +88,60 @@ class MavsdkControls:
             offboard.destroy()
 
     def ask_mode(self, kind: ModeKind, attempt: int) -> None:
-        """Send MAV_CMD_DO_SET_MODE without waiting."""
-        one, two, three = mode_parameters(self._vehicle.autopilot, kind, attempt)
-        self._link.send(
-            mavlink.MAVLink_command_long_message(
-                self._link.target_system,
-                self._link.target_component,
-                mavlink.MAV_CMD_DO_SET_MODE,
-                min(attempt, 255),
-                one,
-                two,
-                three,
-                0,
-                0,
-                0,
-                0,
-            )
-        )
+        """Send MAV_CMD_DO_SET_MODE once."""
+        self._command("mode", attempt, *mode_parameters(self._vehicle.autopilot, kind, attempt))
 
-    def arm(self) -> None:
-        """Ask to arm."""
-        self._action.arm_async(lambda result, _: self._answered("arming", result.name))
+    def arm(self, attempt: int) -> None:
+        """Send MAV_CMD_COMPONENT_ARM_DISARM once."""
+        self._command("arm", attempt, 1.0)
 
-    def take_off(self, height_m: float) -> None:
-        """Send MAV_CMD_NAV_TAKEOFF: its altitude is above home on ArduPilot and AMSL on PX4."""
+    def take_off(self, height_m: float, attempt: int) -> None:
+        """Send MAV_CMD_NAV_TAKEOFF once: its altitude is above home on ArduPilot and AMSL on PX4."""
         nan = math.nan
         if self._vehicle.autopilot == "ardupilot":
-            params = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m]
+            self._command("take-off", attempt, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m)
         else:
-            params = [nan, 0.0, 0.0, nan, nan, nan, self._vehicle.alt_amsl_m + height_m]
-        threading.Thread(target=self._command_take_off, args=(params,), name="take-off", daemon=True).start()
+            self._command("take-off", attempt, nan, 0.0, 0.0, nan, nan, nan, self._vehicle.alt_amsl_m + height_m)
+
+    def take_answer(self, ack: Any, now_s: float) -> None:
+        """Take in a COMMAND_ACK; called in the link's thread. Those to others are passed over."""
+        if (ack.get_srcSystem(), ack.get_srcComponent()) != (self._link.target_system, self._link.target_component):
+            return
+        order = _ORDERS.get(ack.command)
+        addressed = ack.target_component == self._link.source_component
+        # Without an address it may be the answer to somebody else, which is no reason to order again.
+        if order is None or not (addressed or (ack.target_component == 0 and ack.result in _TAKEN)):
+            return
+        self._answers[order] = now_s, ack.result
+        if ack.result not in _TAKEN:
+            found = mavlink.enums["MAV_RESULT"].get(ack.result)
+            name = str(ack.result) if found is None else found.name.removeprefix("MAV_RESULT_")
+            self._complaint = f"{order}: {name}"
+
+    def answer(self, order: Ordered, since_s: float) -> Answer:
+        """What became of the order of this kind that was sent at a time."""
+        answered_s, result = self._answers.get(order, (-math.inf, 0))
+        if answered_s >= since_s:
+            return "accepted" if result in _TAKEN else "refused"
+        now = self._clock()
+        fraction = self._loss.fraction(now)
+        if fraction is not None and fraction > _LOSSY:
+            return "lossy"
+        heard_s = self._vehicle.heard_s
+        whole = heard_s is not None and now - heard_s < _HEARD_S and self._loss.missing_s < since_s
+        return "not-received" if whole else "silent"
 
     def complaint(self) -> str:
-        """Why the autopilot refused the last request, with what it says about it; empty when it did not."""
+        """Why the autopilot refused the last order, with what it says about it; empty when it did not."""
         complaint, self._complaint = self._complaint, ""
         now = self._clock()
         said = [text for t_s, severity, text in list(self._vehicle.texts) if severity <= 4 and now - t_s < _TEXT_S]
         return ", ".join([c for c in (complaint, *said[-1:]) if c])
 
-    def _command_take_off(self, params: list[float]) -> None:
-        try:
-            result = self._link.command(mavlink.MAV_CMD_NAV_TAKEOFF, params)
-        except LinkError as error:
-            self._complaint = error.cause
-            return
-        if result != mavlink.MAV_RESULT_ACCEPTED:
-            self._complaint = f"take-off: {mavlink.enums['MAV_RESULT'][result].name}"
-
-    def _answered(self, what: str, result: str) -> None:
-        if result != "SUCCESS":
-            self._complaint = f"{what}: {result}"
+    def _command(self, order: Ordered, attempt: int, *params: float) -> None:
+        seven = [*params, *([0.0] * 7)][:7]
+        self._link.send(
+            mavlink.MAVLink_command_long_message(
+                self._link.target_system, self._link.target_component, _COMMANDS[order], min(attempt, 255), *seven
+            )
+        )

@@ -9,7 +9,7 @@ import numpy as np
 
 from mission.drones.drone import Bounds, EventKind, OrderState
 from mission.drones.flight_controls import Controls
-from mission.drones.handover import Entering, Holding, Landing
+from mission.drones.handover import OURS, Entering, Holding, Landing
 from mission.drones.limits import FlightSettings, Room, limit_exceeded, with_loss
 from mission.drones.maneuvers import FollowPath, Guidance, Maneuver, StandStill, Turn
 from mission.drones.path_follower import Setpoint
@@ -65,8 +65,8 @@ class Flight:
         self._take_off: TakeOff | None = None
         self._room = Room(self._bounds, np.zeros(3), 0.0, 0.0)
         self._phase_s = self._sent_s = 0.0
-        self._holding = Holding(vehicle.mode, 0.0)
-        self._landing, self._entering = Landing(0.0), Entering(0.0)
+        self._holding = Holding("idle", vehicle.mode, 0.0)
+        self._landing, self._entering = Landing(vehicle.mode, 0.0), Entering(vehicle.mode, 0.0)
         self._rival: tuple[float, str] | None = None
 
     def heard(self, now_s: float) -> None:
@@ -121,7 +121,7 @@ class Flight:
             self._vehicle, self._settings, self._guards, now_s, on_ground=True
         )
         if reason is None:
-            self._take_off = TakeOff(height, now_s)
+            self._take_off = TakeOff(height, self._vehicle.autopilot, self._vehicle.mode, now_s)
             self._enter("climbing", now_s)
             self._flying(now_s)
         return reason
@@ -132,7 +132,7 @@ class Flight:
         if self.phase == "holding":
             return "the vehicle is being put into hold; land after that"
         self._controls.release()
-        self._maneuver, self._landing = None, Landing(now_s)
+        self._maneuver, self._landing = None, Landing(self._vehicle.mode, now_s)
         self._enter("landing", now_s)
         self._flying(now_s)
         return None
@@ -162,9 +162,8 @@ class Flight:
         self._guidance.start(now_s)
         vehicle.take_mode_changes()
         self._controls.complaint()
-        self._controls.setpoint(self._guidance.target, self._guidance.yaw_rad)
-        self._controls.start()
-        self._entering = Entering(now_s)
+        self._send_setpoint(now_s)
+        self._entering = Entering(vehicle.mode, now_s)
         self._control_taken = True
         self._enter("entering", now_s)
         return None
@@ -238,6 +237,8 @@ class Flight:
     def _watch_modes(self, now_s: float) -> None:
         vehicle = self._vehicle
         for t_s, mode in vehicle.take_mode_changes():
+            if self.phase == "climbing" and self._take_off and self._take_off.allows(mode, vehicle.height_m):
+                continue
             taken = mode_takeover(self.phase, mode, vehicle) if self._permitted else None
             if taken is not None:
                 self._taken_over(t_s, *taken)
@@ -277,6 +278,7 @@ class Flight:
 
     def _step_entering(self, now_s: float) -> None:
         vehicle = self._vehicle
+        self._send_setpoint(now_s)
         outcome = self._entering.step(vehicle, self._controls, now_s)
         if outcome is None:
             return
@@ -294,7 +296,7 @@ class Flight:
             self._event(now_s, "refused", reason)
             self._end_order(now_s, OrderState.REFUSED, reason)
         if outcome.state is OrderState.REFUSED:
-            # The request for the mode may still be on its way.
+            # The order may still be on its way: it is undone if it is carried out after all.
             self._hold(now_s)
 
     def _step_flying(self, now_s: float) -> None:
@@ -304,18 +306,28 @@ class Flight:
         if reason:
             self.stop("failsafe", f"the setpoint would leave the bounds: {reason}", now_s)
             return
-        if now_s - self._sent_s > _SETPOINT_S:
-            self._sent_s = now_s
-            self._controls.setpoint(self._guidance.target, self._guidance.yaw_rad)
+        self._send_setpoint(now_s)
         if outcome is not None:
             self._maneuver = None
             self._end_order(now_s, outcome.state, outcome.reason)
 
+    def _send_setpoint(self, now_s: float) -> None:
+        if now_s - self._sent_s > _SETPOINT_S:
+            self._sent_s = now_s
+            self._controls.setpoint(self._guidance.target, self._guidance.yaw_rad)
+
     def _hold(self, now_s: float) -> None:
+        """Stop the setpoints and give the vehicle back: to hold, when it is in a mode of ours."""
         self._maneuver = self._take_off = None
-        self._controls.stop()
-        self._holding = Holding(self._vehicle.mode, now_s)
+        self._controls.release()
+        self._holding = Holding(self.phase, self._vehicle.mode, now_s)
         self._enter("holding", now_s)
+        self._holding.step(self._vehicle, self._controls, now_s)
+
+    def order_hold_once(self) -> None:
+        """Order hold if the vehicle is in a mode of ours; for the moment before this process ends, from any thread."""
+        if self._vehicle.mode.kind in OURS.get(self.phase, ()):
+            self._controls.ask_mode("hold", 0)
 
     def _step_holding(self, now_s: float) -> None:
         came = self._holding.step(self._vehicle, self._controls, now_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 
@@ -32,6 +33,8 @@ class PacketLoss:
     def __init__(self, component: int = mavlink.MAV_COMP_ID_AUTOPILOT1) -> None:
         self._component = component
         self._last: int | None = None
+        self.missing_s = -math.inf
+        """When a packet was last found missing."""
         self._buckets: deque[tuple[float, int, int]] = deque()
         self._lock = threading.Lock()
 
@@ -45,6 +48,8 @@ class PacketLoss:
         if step == 0:
             return
         late = self._last is not None and overtaken(sequence, self._last)
+        if step > 1:
+            self.missing_s = now_s
         if not late:
             self._last = sequence
         with self._lock:

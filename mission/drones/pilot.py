@@ -74,15 +74,15 @@ class _Vehicle:
             source_component=PILOT_COMPONENT,
             target_system=self.state.system,
             handler=self._take,
-            handled=(*VEHICLE_MESSAGES, *_FOREIGN, *SAFEGUARD_MESSAGES),
+            handled=(*VEHICLE_MESSAGES, *_FOREIGN, *SAFEGUARD_MESSAGES, "COMMAND_ACK"),
             wants=self._look_at,
             at_leisure=self._thinning.at_leisure,
         )
+        self.controls = MavsdkControls(self.system, self.link, self.state, self.loss)
         for loopback in (port, config.program_port):
             self.mavsdk.add_any_connection_with_handle_and_forwarding(
                 f"udpout://127.0.0.1:{loopback}", ForwardingOption.ON
             )
-        self.controls = MavsdkControls(self.system, self.link, self.state)
         self.rates: MessageRates | None = None
         self._target_asked_s = -_ASK_TARGET_S
         self._target_watched = False
@@ -190,6 +190,9 @@ class _Vehicle:
         name = message.get_type()
         if name in SAFEGUARD_MESSAGES:
             self.safeguards.take(message)
+            return
+        if name == "COMMAND_ACK":
+            self.controls.take_answer(message, arrived_s)
             return
         if name not in _FOREIGN:
             self.state.update(message, arrived_s)

@@ -110,7 +110,7 @@ def run(connect: Callable[[PilotPipe], Aircraft]) -> int:
         return 2
     flight = Flight(aircraft.controls, aircraft.state, aircraft.settings, pipe.send, aircraft.guards)
     pipe.send(Ready(system=aircraft.state.system))
-    alive = LoopWatchdog(aircraft.controls.stop)
+    alive = LoopWatchdog(flight.order_hold_once)
     try:
         _fly(flight, aircraft, pipe, alive)
     finally:

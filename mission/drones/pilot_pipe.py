@@ -126,7 +126,7 @@ class LoopWatchdog:
         while not self._stopped.wait(0.1):
             if time.monotonic() - self._ticked_s > _HANG_S:
                 self._order_stop()
-                time.sleep(0.5)  # lets the stop go out before the process ends
+                time.sleep(0.2)  # lets the stop go out before the process ends
                 os._exit(3)
 
 

@@ -9,12 +9,13 @@ from pymavlink.dialects.v20 import all as mavlink
 from mission.drones.drone import OrderState
 from mission.drones.flight_controls import Controls
 from mission.drones.maneuvers import DONE, Outcome
-from mission.drones.modes import ModeKind
+from mission.drones.modes import Autopilot, FlightMode, ModeKind
+from mission.drones.request import Request
 from mission.drones.vehicle import VehicleState
 
 _STEP_TIMEOUT_S = 8.0
-_REPEAT_S = 4.0
-"""The controls themselves repeat what is not acknowledged; this repeats what was acknowledged and not done."""
+_SHORT_M = 1.5
+"""PX4 ends its take-off by changing to Hold when less than this is missing (NAV_MC_ALT_RAD is 0.8 m)."""
 _SLOW_M_S = 0.25
 _STEADY_S = 0.4
 
@@ -25,19 +26,37 @@ class TakeOff:
     Setpoints during the climb would cut it short on both autopilots, and PX4 reports IN_AIR early. On ArduPilot the
     climb is flown in GUIDED; PX4 has a mode for it and goes to Hold at its end.
 
+    Each step is ordered once, see `Request`.
+
     Args:
         height_m: above the ground.
+        autopilot: which one it is.
+        before: the mode in which the vehicle is.
         began_s: now.
     """
 
-    def __init__(self, height_m: float, began_s: float) -> None:
+    def __init__(self, height_m: float, autopilot: Autopilot, before: FlightMode, began_s: float) -> None:
         self._height_m = height_m
+        self._autopilot = autopilot
+        self._before = before
         self._stage: Literal["mode", "arm", "climb"] = "mode"
         self._stage_s = began_s
-        self._asked_s: float | None = None
-        self._attempt = 0
+        self._request = Request("mode")
+        self._climbed = False
         self._steady_since_s: float | None = None
         self._deadline_s = began_s + 3 * _STEP_TIMEOUT_S + 3.0 * height_m
+
+    def allows(self, mode: FlightMode, height_m: float | None) -> bool:
+        """Whether a change to this mode at this height is part of the take-off; another one is somebody else's."""
+        if self._autopilot == "ardupilot":
+            return mode.kind == "offboard"
+        if mode.kind == "take-off" and self._stage == "climb":
+            self._climbed = True
+            return True
+        if mode.kind != "hold":
+            return False
+        short = self._climbed and height_m is not None and self._height_m - height_m > _SHORT_M
+        return not short or self._autopilot == "ardrone"
 
     def step(self, vehicle: VehicleState, controls: Controls, now_s: float) -> Outcome | None:
         """Go on; DONE when it hovers at the height."""
@@ -45,13 +64,17 @@ class TakeOff:
             wanted: ModeKind = "offboard" if vehicle.autopilot == "ardupilot" else "hold"
             if vehicle.mode.kind == wanted:
                 self._next("arm", now_s)
-            elif self._due(now_s):
-                controls.ask_mode(wanted, 0)
+            elif vehicle.mode == self._before:
+                attempt = self._request.due(controls, now_s, vehicle.mode_s)
+                if attempt is not None:
+                    controls.ask_mode(wanted, attempt)
         if self._stage == "arm":
             if vehicle.armed:
                 self._next("climb", now_s)
-            elif self._due(now_s):
-                controls.arm()
+            else:
+                attempt = self._request.due(controls, now_s, vehicle.heartbeat_s)
+                if attempt is not None:
+                    controls.arm(attempt)
         if self._stage == "climb":
             return self._climb(vehicle, controls, now_s)
         if now_s - self._stage_s > _STEP_TIMEOUT_S:
@@ -61,10 +84,13 @@ class TakeOff:
 
     def _climb(self, vehicle: VehicleState, controls: Controls, now_s: float) -> Outcome | None:
         on_ground = vehicle.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
-        if on_ground and vehicle.mode.kind != "take-off" and self._due(now_s):
-            controls.take_off(self._height_m)
+        self._climbed = self._climbed or vehicle.mode.kind == "take-off" or not on_ground
         if not vehicle.armed:
             return Outcome(OrderState.ENDED, "the vehicle was disarmed before it had taken off")
+        if not self._climbed:
+            attempt = self._request.due(controls, now_s, vehicle.mode_s)
+            if attempt is not None:
+                controls.take_off(self._height_m, attempt)
         if on_ground and now_s - self._stage_s > _STEP_TIMEOUT_S:
             return Outcome(OrderState.REFUSED, f"the vehicle does not take off{_because(controls.complaint())}")
         if self._arrived(vehicle):
@@ -91,13 +117,8 @@ class TakeOff:
         return abs(height - self._height_m) < max(within, 0.1 * self._height_m)
 
     def _next(self, stage: Literal["arm", "climb"], now_s: float) -> None:
-        self._stage, self._stage_s, self._asked_s = stage, now_s, None
-
-    def _due(self, now_s: float) -> bool:
-        if self._asked_s is not None and now_s - self._asked_s < _REPEAT_S:
-            return False
-        self._asked_s = now_s
-        return True
+        self._stage, self._stage_s = stage, now_s
+        self._request = Request("arm" if stage == "arm" else "take-off")
 
 
 def _because(complaint: str) -> str:

@@ -16,7 +16,6 @@ Phase = Literal["idle", "climbing", "entering", "flying", "holding", "landing"]
 
 _ALLOWED: dict[Phase, tuple[ModeKind, ...]] = {
     "idle": (),
-    "climbing": ("take-off", "hold", "offboard"),
     "entering": ("offboard",),
     "flying": ("offboard",),
     "landing": ("land",),
@@ -28,8 +27,11 @@ Takeover = tuple[EventKind, str]
 
 
 def mode_takeover(phase: Phase, mode: FlightMode, vehicle: VehicleState) -> Takeover | None:
-    """Whether a change to this mode was none of ours in this phase (`holding` looks at its modes by itself)."""
-    if phase == "holding" or mode.kind in _ALLOWED[phase]:
+    """Whether a change to this mode was none of ours in this phase (`holding` looks at its modes by itself).
+
+    The modes of a climb are those that `TakeOff.allows`.
+    """
+    if phase == "holding" or mode.kind in _ALLOWED.get(phase, ()):
         return None
     if phase == "landing" and mode.kind == "hold" and not vehicle.in_air:
         return None  # PX4 goes to Hold when it has landed.

@@ -19,6 +19,7 @@ from mission.drones.ardrone.navdata import DroneState
 from mission.drones.ardrone.navdata_options import Control
 from mission.drones.ardrone.tilt import HEIGHT_GAIN, TiltControl
 from mission.drones.ardrone.vehicle import GROUNDED, ArdroneVehicle
+from mission.drones.flight_controls import Answer, Ordered
 from mission.drones.modes import ModeKind
 from mission.drones.path_follower import Setpoint
 
@@ -63,24 +64,11 @@ class ArdroneControls:
         self._started = False
 
     def setpoint(self, setpoint: Setpoint, yaw_rad: float) -> None:
-        """Where to be, how fast, and the heading; flown after `start`, for as long as it is fresh."""
+        """Where to be, how fast, and the heading; flown in the mode for it, for as long as it is fresh."""
         with self._lock:
             now = self._clock()
             self._setpoint = (now, setpoint, yaw_rad)
             self._tilt.feed(setpoint, now)
-
-    def start(self) -> None:
-        """Fly setpoints from now on."""
-        with self._lock:
-            self._tilt = TiltControl(self._config)
-            self._vehicle.doing = "offboard"
-
-    def stop(self) -> None:
-        """Hover on the drone's own."""
-        with self._lock:
-            self._setpoint = None
-            self._vehicle.doing = "hold"
-            self._hover_until_s = self._clock() + _HOVER_S
 
     def release(self) -> None:
         """Leave it alone; one hover command takes our last tilt back."""
@@ -90,25 +78,35 @@ class ArdroneControls:
             self._hover_until_s = self._clock()
 
     def ask_mode(self, kind: ModeKind, attempt: int) -> None:
-        """Hover or land; another mode there is not."""
+        """Fly setpoints from now on, hover on the drone's own, or land; another mode there is not."""
         del attempt
-        if kind == "hold":
-            self.stop()
-        elif kind == "land":
-            with self._lock:
-                self._vehicle.doing = "land"
+        with self._lock:
+            if kind == "offboard":
+                self._tilt = TiltControl(self._config)
+            elif kind == "hold":
+                self._setpoint = None
+                self._hover_until_s = self._clock() + _HOVER_S
+            if kind in ("offboard", "hold", "land"):
+                self._vehicle.doing = kind
 
-    def arm(self) -> None:
+    def arm(self, attempt: int) -> None:
         """Tell the drone that it stands level, and that it may take off; an old emergency is reset."""
+        del attempt
         with self._lock:
             self._trim = True
             self._vehicle.readied = True
 
-    def take_off(self, height_m: float) -> None:
+    def take_off(self, height_m: float, attempt: int) -> None:
         """Take off and climb to a height above the ground."""
+        del attempt
         with self._lock:
             self._height_m, self._started = height_m, False
             self._vehicle.doing = "take-off"
+
+    def answer(self, order: Ordered, since_s: float) -> Answer:
+        """There are no answers: what is ordered is done at each tick until the drone shows that it obeyed."""
+        del order, since_s
+        return "accepted"
 
     def complaint(self) -> str:
         """What the drone last said, if that was just now."""
@@ -176,7 +174,7 @@ class ArdroneControls:
             return pcmd(None)
         missing = self._height_m - height
         if abs(missing) < _REACHED_M or control in GROUNDED:
-            self.stop()
+            self.ask_mode("hold", 0)
             return pcmd(None)
         return pcmd(Tilt(gaz=clamped(HEIGHT_GAIN * missing / self._config.control_vz_max_m_s)))
 

@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from mission.drones.drone import Bounds, OrderState, Path
 from mission.drones.flight import Flight
+from mission.drones.flight_controls import Answer, Ordered
 from mission.drones.limits import FlightSettings
 from mission.drones.modes import ModeKind, mode_parameters
 from mission.drones.path_follower import Setpoint
@@ -45,7 +46,7 @@ class FakeVehicle:
         self.landed = mavlink.MAV_LANDED_STATE_ON_GROUND
         self.battery = 90
         self.custom_mode = self._code("hold" if autopilot == "px4" else "stabilize")
-        self.obeys = True
+        self.obeys = self._obeyed = True
         self.silent = False
         self.streaming = False
         self.program_alive = True
@@ -90,13 +91,6 @@ class FakeVehicle:
         self.streaming = True
         self.setpoints.append((self.now_s, setpoint, yaw_rad))
 
-    def start(self) -> None:
-        self._do("start", "offboard")
-
-    def stop(self) -> None:
-        self.streaming = False
-        self._do("stop", "hold")
-
     def release(self) -> None:
         self.log.append("release")
         self.streaming = False
@@ -105,15 +99,20 @@ class FakeVehicle:
         mode_parameters(self.autopilot, kind, attempt)
         self._do(f"mode {kind}", kind)
 
-    def arm(self) -> None:
+    def arm(self, attempt: int) -> None:
         self.log.append("arm")
+        self._obeyed = self.obeys
         self.armed = self.obeys
 
-    def take_off(self, height_m: float) -> None:
+    def take_off(self, height_m: float, attempt: int) -> None:
         self.log.append(f"take-off {height_m}")
+        self._obeyed = self.obeys
         if self.obeys:
             self.landed = mavlink.MAV_LANDED_STATE_IN_AIR
             self.place = np.array([0.0, 0.0, -height_m])
+
+    def answer(self, order: Ordered, since_s: float) -> Answer:
+        return "accepted" if self._obeyed else "refused"
 
     def complaint(self) -> str:
         return "" if self.obeys else "COMMAND_DENIED"
@@ -148,6 +147,7 @@ class FakeVehicle:
 
     def _do(self, what: str, mode: str) -> None:
         self.log.append(what)
+        self._obeyed = self.obeys
         if self.obeys:
             self.custom_mode = self._code(mode)
 
@@ -161,6 +161,7 @@ class FakeVehicle:
         px4 = self.autopilot == "px4"
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0
         maker = mavlink.MAV_AUTOPILOT_PX4 if px4 else mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        boot_ms = round(1000 * self.now_s)
         north, east, down = (float(v) for v in self.place)
         lat, lon = (
             37.0 + math.degrees(north / 6.371e6),
@@ -177,10 +178,18 @@ class FakeVehicle:
             if not px4
             else mavlink.MAVLink_estimator_status_message(0, 1023, 0, 0, 0, 0, 0, 0, 0.3, 0.3),
             mavlink.MAVLink_global_position_int_message(
-                0, round(lat * 1e7), round(lon * 1e7), round(30_000 - 1000 * down), round(-1000 * down), 0, 0, 0, 0
+                boot_ms,
+                round(lat * 1e7),
+                round(lon * 1e7),
+                round(30_000 - 1000 * down),
+                round(-1000 * down),
+                0,
+                0,
+                0,
+                0,
             ),
-            mavlink.MAVLink_local_position_ned_message(0, north, east, down, *(float(v) for v in self.velocity)),
-            mavlink.MAVLink_attitude_message(0, 0, 0, self.yaw, 0, 0, 0),
+            mavlink.MAVLink_local_position_ned_message(boot_ms, north, east, down, *(float(v) for v in self.velocity)),
+            mavlink.MAVLink_attitude_message(boot_ms, 0, 0, self.yaw, 0, 0, 0),
         ):
             self.hear(message)
 
