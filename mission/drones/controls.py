@@ -21,7 +21,7 @@ from mission.drones.vehicle import VehicleState
 
 _LOG = logging.getLogger(__name__)
 _TEXT_S = 3.0
-_LOSSY = 0.01
+_LOSSY = 0.03
 """Fraction of lost packets beyond which a missing answer tells nothing."""
 _HEARD_S = 0.2
 """Without any packet for longer, what was sent may be missing without a gap in the numbers that shows it."""

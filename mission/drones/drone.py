@@ -104,7 +104,7 @@ EventKind = Literal[
     "link-back",
     "pilot-process-lost",
     "refused",
-    "caution",  # before a flight: what the autopilot would do that the operator may not expect
+    "caution",  # what the operator may not expect: of the autopilot before a flight, of others on the link in it
     "statustext",
 ]
 

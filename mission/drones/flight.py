@@ -12,11 +12,12 @@ from mission.drones.flight_controls import Controls
 from mission.drones.handover import OURS, Entering, Holding, Landing
 from mission.drones.limits import FlightSettings, Room, limit_exceeded, with_loss
 from mission.drones.maneuvers import FollowPath, Guidance, Maneuver, StandStill, Turn
+from mission.drones.motion_watch import MotionWatch
 from mission.drones.path_follower import Setpoint
 from mission.drones.pilot_protocol import EventReport, FlyOrder, OrderReport
 from mission.drones.preconditions import Guards, NoGuards, height_refusal, refusal
 from mission.drones.take_off import TakeOff
-from mission.drones.takeover import Phase, mode_takeover, sent_elsewhere
+from mission.drones.takeover import Phase, Takeover, mode_takeover, sent_elsewhere
 from mission.drones.vehicle import VehicleState
 
 _SETPOINT_S = 0.03
@@ -67,7 +68,9 @@ class Flight:
         self._phase_s = self._sent_s = 0.0
         self._holding = Holding("idle", vehicle.mode, 0.0)
         self._landing, self._entering = Landing(vehicle.mode, 0.0), Entering(vehicle.mode, 0.0)
+        self._watch = MotionWatch(settings, 0.0)
         self._rival: tuple[float, str] | None = None
+        self._rival_told = False
 
     def heard(self, now_s: float) -> None:
         """The program is alive."""
@@ -121,6 +124,7 @@ class Flight:
             self._vehicle, self._settings, self._guards, now_s, on_ground=True
         )
         if reason is None:
+            self._watch, self._rival_told = MotionWatch(self._settings, now_s), False
             self._take_off = TakeOff(height, self._vehicle.autopilot, self._vehicle.mode, now_s)
             self._enter("climbing", now_s)
             self._flying(now_s)
@@ -164,6 +168,7 @@ class Flight:
         self._controls.complaint()
         self._send_setpoint(now_s)
         self._entering = Entering(vehicle.mode, now_s)
+        self._watch, self._rival_told = MotionWatch(self._settings, now_s), False
         self._control_taken = True
         self._enter("entering", now_s)
         return None
@@ -208,8 +213,9 @@ class Flight:
             room = self._room if self.phase == "flying" else None
             loss, silent_s = self._guards.packet_loss(now_s), now_s - self._heard_s
             exceeded = limit_exceeded(self._vehicle, self._settings, room, silent_s, now_s, loss)
-            if exceeded is not None:
-                self.stop(*exceeded, now_s)
+            astray = exceeded or self._astray(now_s)
+            if astray is not None:
+                self.stop(*astray, now_s)
         if self.phase == "climbing":
             self._step_climb(now_s)
         elif self.phase == "entering":
@@ -221,11 +227,32 @@ class Flight:
         elif self.phase == "landing":
             self._step_landing(now_s)
 
-    def rival(self, text: str, now_s: float) -> None:
-        """Somebody else's setpoint or "fly here" was seen on the link."""
+    def _astray(self, now_s: float) -> Takeover | None:
+        """What is wrong with the reported pose, or with how the vehicle follows us."""
+        reason = self._watch.fault(self._vehicle, now_s)
+        if reason is None and self.phase == "flying":
+            target, limit_m_s = self._guidance.target, self._bounds.max_speed_m_s
+            reason = self._watch.step(self._vehicle, target, limit_m_s, now_s)
+        if reason is None:
+            return None
+        rival = self._rival
+        beside = f" ({rival[1]})" if rival is not None and now_s - rival[0] < _RIVAL_MEMORY_S else ""
+        return "failsafe", reason + beside
+
+    def rival(self, text: str, now_s: float, *, obeyed: bool = False) -> None:
+        """Somebody else's setpoint or "fly here" was seen on the link.
+
+        Seen is not obeyed: a packet alone ends nothing. The vehicle is given up when its mode or its target changes, or
+        when it acknowledges the other one (`obeyed`); it is put into hold when it does not fly as we say.
+        """
         self._rival = (now_s, text)
-        if self.phase in ("entering", "flying", "climbing"):
-            self._taken_over(now_s, "pilot", text)
+        if self.phase not in ("entering", "flying", "climbing"):
+            return
+        if obeyed:
+            self._taken_over(now_s, "pilot", f"{text}, and the autopilot obeys it")
+        elif not self._rival_told:
+            self._rival_told = True
+            self._event(now_s, "caution", f"{text}; we fly on while the vehicle follows us")
 
     def stop(self, kind: EventKind, reason: str, now_s: float) -> None:
         """End what is flown by us and put the vehicle into hold; nothing when it is not flown by us."""
@@ -267,6 +294,9 @@ class Flight:
         if outcome is None:
             return
         self._take_off = None
+        if not self._vehicle.armed and outcome.state is OrderState.ENDED:
+            self._taken_over(now_s, "failsafe", outcome.reason)
+            return
         if outcome.state is OrderState.ENDED:
             self.stop("failsafe", outcome.reason, now_s)
             return

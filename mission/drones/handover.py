@@ -82,6 +82,8 @@ class Holding:
     def step(self, vehicle: VehicleState, controls: Controls, now_s: float) -> Takeover | None:
         """What came of it: "mode" when it is given back, "pilot" when somebody took it, "failsafe" when nothing."""
         mode = vehicle.mode
+        if not vehicle.armed:
+            return "mode", "it is disarmed"
         if mode.kind in self._ours:
             if now_s - self._began_s > _PATIENCE_S:
                 return "failsafe", f"the autopilot did not confirm to hold: it says {mode.name}"

@@ -26,6 +26,14 @@ class FlightSettings:
     """Age of the local position beyond which setpoints stop: the bounds cannot be watched any more."""
     min_battery_fraction: float = 0.2
     max_yaw_rate_rad_s: float = 1.2
+    speed_margin_m_s: float = 1.0
+    """The measured speed may exceed the allowed one by this much: overshoot, and what a hover in wind wanders at."""
+    max_step_m: float = 0.8
+    """The position may differ from what its own velocity explains by this much within half a second."""
+    max_turn_rad: float = math.radians(8.0)
+    """The heading may differ from what its own rate explains by this much within half a second."""
+    max_tracking_error_m: float = 1.5
+    """The vehicle may be this far from its setpoint."""
     measured_margin_m: float = 1.5
     """The measured position may leave the bounds by this much: overrun and the estimator's own steps."""
     fence_margin_m: float = 2.0
@@ -95,6 +103,8 @@ def limit_exceeded(
     if silent_s > settings.deadman_s:
         return "deadman", f"the program was silent for {silent_s:.2f} s"
     if not vehicle.connected(now_s) or local is None or now_s - local.t_s > settings.stale_s:
+        if vehicle.stands_still(now_s):
+            return "failsafe", "the autopilot's reports come, but stand still"
         return "link-lost", with_loss("the autopilot's position is no longer received", packet_loss, settings)
     if packet_loss is not None and packet_loss > settings.max_packet_loss:
         return "link-lost", lossy(packet_loss, settings)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import queue
 import sys
 import time
@@ -45,6 +46,7 @@ _ASK_TARGET_S = 2.0
 _ASK_TARGET_TIMES = 3
 _TARGET_HZ = 200.0
 _IDLE_TARGET_HZ = 2.0
+_ANSWERED_S = 1.0
 _RECEIVER_HZ = 2.0
 _RECEIVER_ASKS = 5
 
@@ -62,10 +64,11 @@ class _Vehicle:
         self.state = VehicleState(self.system.get_system_id())
         self.safeguards = Safeguards(self.state)
         self.loss = PacketLoss()
-        self.rivals: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self.rivals: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
         self._own = {MAVSDK_COMPONENT, PILOT_COMPONENT, PROGRAM_COMPONENT}
         self._thinning = Thinning(self.state.system, time.monotonic(), sparing=config.sparing)
         self._cautioned = False
+        self._reposition_s = -math.inf
         sock = loopback_socket()
         port = sock.getsockname()[1]
         self.link = MavlinkLink(
@@ -106,7 +109,8 @@ class _Vehicle:
         """Hand over what others on the link order, and ask the autopilot for what is to be known."""
         with contextlib.suppress(queue.Empty):
             while True:
-                flight.rival(self.rivals.get_nowait(), now_s)
+                text, obeyed = self.rivals.get_nowait()
+                flight.rival(text, now_s, obeyed=obeyed)
         if flight.phase != "idle":
             self._thinning.need(now_s)
         self.keep_rates(now_s)
@@ -193,6 +197,7 @@ class _Vehicle:
             return
         if name == "COMMAND_ACK":
             self.controls.take_answer(message, arrived_s)
+            self._take_others_answer(message, arrived_s)
             return
         if name not in _FOREIGN:
             self.state.update(message, arrived_s)
@@ -202,7 +207,16 @@ class _Vehicle:
             return
         if name != "COMMAND_INT" or message.command == _DO_REPOSITION:
             who = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
-            self.rivals.put(f"another controller ({who}) sent {name}")
+            self._reposition_s = arrived_s if name == "COMMAND_INT" else self._reposition_s
+            self.rivals.put((f"another controller ({who}) sent {name}", False))
+
+    def _take_others_answer(self, ack: Any, arrived_s: float) -> None:
+        """The autopilot goes where somebody else, seen just before, has sent it."""
+        sender = ack.get_srcSystem(), ack.get_srcComponent()
+        taken = ack.command == _DO_REPOSITION and ack.result == mavlink.MAV_RESULT_ACCEPTED
+        if taken and sender == (self.state.system, 1) and arrived_s - self._reposition_s < _ANSWERED_S:
+            self._reposition_s = -math.inf
+            self.rivals.put(("another controller sent it to another place", True))
 
 
 def _connect(config: PilotConfig) -> tuple[Mavsdk, System]:

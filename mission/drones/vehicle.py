@@ -36,6 +36,8 @@ VEHICLE_MESSAGES = (
 _STALE_S = 1.0
 _EKF_POSITION = 0x218
 """ArduPilot: horizontal position relative, absolute and predicted absolute."""
+_EKF_CONSTANT_POSITION = 0x80
+"""ArduPilot: EKF_CONST_POS_MODE, the position is only held."""
 _ESTIMATOR_POSITION = mavlink.ESTIMATOR_POS_HORIZ_ABS
 _UNKNOWN_HEADING = 65535
 _HOME_SAMPLES = 100
@@ -51,6 +53,17 @@ class LocalState:
     t_s: float
     position_ned_m: Vector
     velocity_ned_m_s: Vector
+    boot_s: float | None = None
+    """When it was measured, by the autopilot's own clock; None where there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingState:
+    """ATTITUDE: heading and its rate, radians clockwise, by the autopilot's own clock."""
+
+    boot_s: float
+    yaw_rad: float
+    yaw_rate_rad_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +83,9 @@ _HEARTBEAT_AT_MOST_S = 6.5
 _OVERTAKEN_S = 0.3
 """How late a packet may be whose number says that a newer one was faster; the numbers come round after some seconds."""
 _HEARD_S = 1.0
+_REBOOT_MS = 1000
+_MOVES_M_S = 0.2
+_STANDING_S = 0.5
 _RECEIVER_S = 5.0
 """A receiver that is silent for longer has no fix."""
 
@@ -110,6 +126,9 @@ class VehicleState:
         self.yaw_rad = 0.0
         self.yaw_rate_rad_s = 0.0
         self.attitude_s: float | None = None
+        self.heading: HeadingState | None = None
+        self.standing_s: float | None = None
+        """When a report last came that was no new one: its clock, or what it says of a moving vehicle, stood still."""
         self.lat_deg = 0.0
         self.lon_deg = 0.0
         self.alt_amsl_m = 0.0
@@ -125,6 +144,8 @@ class VehicleState:
         self._seen_grounded = False
         self._mode_number = 0
         """Sequence number of the newest packet that told the mode."""
+        self._identity: tuple[int, int] | None = None
+        self._boot_ms: dict[str, int] = {}
         self._fixes: dict[str, tuple[float, int]] = {}
         """Of each receiver: when and what it told last."""
         self._lock = threading.Lock()
@@ -201,6 +222,22 @@ class VehicleState:
         """Whether a heading is known and fresh."""
         return self.heading_known and self._fresh(self.attitude_s, now_s)
 
+    def stands_still(self, now_s: float) -> bool:
+        """Whether reports come that tell nothing new."""
+        return self.standing_s is not None and now_s - self.standing_s < _STANDING_S
+
+    def fault(self, now_s: float) -> str | None:
+        """Why the reported pose is not to be flown by, as far as the autopilot itself says so; None when it may."""
+        if self.gps_fix < mavlink.GPS_FIX_TYPE_3D_FIX:
+            return "the GPS fix is lost"
+        if not self._fresh(self.global_s, now_s):
+            return "the autopilot tells no place on earth any more"
+        if not self.position_ok(now_s):
+            return "the autopilot's estimator does not vouch for the position any more"
+        if self.ekf_flags is not None and self.ekf_flags & _EKF_CONSTANT_POSITION:
+            return "the autopilot's estimator has lost the position"
+        return None if self.heading_ok(now_s) else "the autopilot's heading is not known any more"
+
     def take_texts(self) -> list[tuple[float, int, str]]:
         """STATUSTEXTs since the last call."""
         with self._lock:
@@ -232,12 +269,33 @@ class VehicleState:
     def _on_heartbeat(self, m: Any, now_s: float) -> None:
         if m.autopilot == mavlink.MAV_AUTOPILOT_INVALID:
             return
+        if not self._known(m, now_s):
+            return
         self.autopilot = autopilot_of(m.autopilot)
         self.vehicle_type = m.type
         self.armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self.critical = m.system_status in (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY)
         self.heartbeat_s = now_s
         self._set_mode(m, now_s)
+
+    def _known(self, m: Any, now_s: float) -> bool:
+        """Whether a heartbeat is of the autopilot that is known; another one is believed when that one is silent."""
+        identity = m.autopilot, m.type
+        silent = self.heartbeat_s is None or now_s - self.heartbeat_s > _HEARTBEAT_S
+        if self._identity is None or silent:
+            self._identity = identity
+        return identity == self._identity
+
+    def _advances(self, m: Any, now_s: float) -> bool:
+        """Whether a report is newer than the last of its kind, by the autopilot's own clock."""
+        name, boot_ms = m.get_type(), m.time_boot_ms
+        last_ms = self._boot_ms.get(name)
+        if last_ms is not None and last_ms - _REBOOT_MS < boot_ms <= last_ms:
+            if boot_ms == last_ms:
+                self.standing_s = now_s
+            return False
+        self._boot_ms[name] = boot_ms
+        return True
 
     def _on_current_mode(self, m: Any, now_s: float) -> None:
         if self.heartbeat_s is not None:
@@ -268,7 +326,7 @@ class VehicleState:
         self.geoid_separation_m = separation_mm * 1e-3 if separation_mm else None
 
     def _on_global_position_int(self, m: Any, now_s: float) -> None:
-        if not on_earth(m.lat, m.lon):
+        if not on_earth(m.lat, m.lon) or not self._advances(m, now_s):
             return
         self.lat_deg, self.lon_deg = m.lat * 1e-7, m.lon * 1e-7
         self.alt_amsl_m, self.relative_alt_m = m.alt * 1e-3, m.relative_alt * 1e-3
@@ -277,9 +335,13 @@ class VehicleState:
 
     def _on_local_position_ned(self, m: Any, now_s: float) -> None:
         position, velocity = np.array([m.x, m.y, m.z]), np.array([m.vx, m.vy, m.vz])
-        if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
+        finite = np.isfinite(position).all() and np.isfinite(velocity).all()
+        if not finite or not self._advances(m, now_s):
             return
-        self.local = LocalState(now_s, position, velocity)
+        if self._is_frozen(position, velocity):
+            self.standing_s = now_s
+            return
+        self.local = LocalState(now_s, position, velocity, m.time_boot_ms * 1e-3)
         grounded = self.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
         if self.heartbeat_s is not None and not self.armed and grounded:
             self.ground_down_m = m.z
@@ -289,8 +351,17 @@ class VehicleState:
             self._relative.append(m.z + self.relative_alt_m)
             self.ground_down_m = float(np.median(self._relative))
 
+    def _is_frozen(self, position_ned_m: Vector, velocity_ned_m_s: Vector) -> bool:
+        """Whether a vehicle that is said to move is said to be where it was."""
+        last = self.local
+        if last is None or float(np.linalg.norm(velocity_ned_m_s)) < _MOVES_M_S:
+            return False
+        same = np.array_equal(position_ned_m, last.position_ned_m)
+        return same and np.array_equal(velocity_ned_m_s, last.velocity_ned_m_s)
+
     def _on_attitude(self, m: Any, now_s: float) -> None:
-        if math.isfinite(m.yaw) and math.isfinite(m.yawspeed):
+        if math.isfinite(m.yaw) and math.isfinite(m.yawspeed) and self._advances(m, now_s):
+            self.heading = HeadingState(m.time_boot_ms * 1e-3, m.yaw, m.yawspeed)
             self.yaw_rad, self.yaw_rate_rad_s, self.attitude_s = m.yaw, m.yawspeed, now_s
 
     def _on_ekf_status_report(self, m: Any, now_s: float) -> None:

@@ -63,6 +63,11 @@ class ArdroneVehicle(VehicleState):
         """Whether a heading is fresh; it may be relative to where the drone was switched on."""
         return self.attitude_s is not None and now_s - self.attitude_s < _FRESH_S
 
+    def fault(self, now_s: float) -> str | None:
+        """None: it vouches for nothing that could fail."""
+        del now_s
+        return None
+
     def take(self, navdata: Navdata, reckoned: Reckoned | None, now_s: float) -> None:
         """Take in a packet and the pose that was reckoned from it (None for an old or a bare one)."""
         with self._lock:

@@ -41,7 +41,7 @@ class FakeVehicle:
         self.setpoints: list[tuple[float, Setpoint, float]] = []
         self.place = np.array([0.0, 0.0, 0.0])
         self.velocity = np.zeros(3)
-        self.yaw = 0.0
+        self.yaw = self._last_yaw = 0.0
         self.armed = False
         self.landed = mavlink.MAV_LANDED_STATE_ON_GROUND
         self.battery = 90
@@ -162,6 +162,7 @@ class FakeVehicle:
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0
         maker = mavlink.MAV_AUTOPILOT_PX4 if px4 else mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
         boot_ms = round(1000 * self.now_s)
+        rate, self._last_yaw = math.remainder(self.yaw - self._last_yaw, math.tau) / TICK_S, self.yaw
         north, east, down = (float(v) for v in self.place)
         lat, lon = (
             37.0 + math.degrees(north / 6.371e6),
@@ -189,7 +190,7 @@ class FakeVehicle:
                 0,
             ),
             mavlink.MAVLink_local_position_ned_message(boot_ms, north, east, down, *(float(v) for v in self.velocity)),
-            mavlink.MAVLink_attitude_message(boot_ms, 0, 0, self.yaw, 0, 0, 0),
+            mavlink.MAVLink_attitude_message(boot_ms, 0, 0, self.yaw, 0, 0, rate),
         ):
             self.hear(message)
 
