@@ -48,6 +48,11 @@ class FakeVehicle:
         self.custom_mode = self._code("hold" if autopilot == "px4" else "stabilize")
         self.obeys = self._obeyed = True
         self.silent = False
+        self.fix = 3
+        self.nowhere = False
+        self.estimator = 1023 if autopilot == "px4" else 831
+        self.boot_s: float | None = None
+        """Where the autopilot's clock stands still."""
         self.streaming = False
         self.program_alive = True
         self.flight = Flight(self, self.state, FlightSettings(), self.reports.append)
@@ -161,23 +166,25 @@ class FakeVehicle:
         px4 = self.autopilot == "px4"
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0
         maker = mavlink.MAV_AUTOPILOT_PX4 if px4 else mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-        boot_ms = round(1000 * self.now_s)
+        boot_ms = round(1000 * (self.now_s if self.boot_s is None else self.boot_s))
         rate, self._last_yaw = math.remainder(self.yaw - self._last_yaw, math.tau) / TICK_S, self.yaw
         north, east, down = (float(v) for v in self.place)
         lat, lon = (
             37.0 + math.degrees(north / 6.371e6),
             127.0 + math.degrees(east / 6.371e6 / math.cos(math.radians(37))),
         )
+        if self.nowhere:
+            lat = lon = 0.0
         for message in (
             mavlink.MAVLink_heartbeat_message(2, maker, armed, self.custom_mode, mavlink.MAV_STATE_ACTIVE, 3),
             mavlink.MAVLink_extended_sys_state_message(0, self.landed),
             mavlink.MAVLink_sys_status_message(
                 0, 0, mavlink.MAV_SYS_STATUS_PREARM_CHECK, 0, 12000, -1, self.battery, 0, 0, 0, 0, 0, 0
             ),
-            mavlink.MAVLink_gps_raw_int_message(0, 3, 0, 0, 30_000, 70, 70, 0, 0, 12, 53_000, 300, 300, 0, 0, 0),
-            mavlink.MAVLink_ekf_status_report_message(831, 0, 0, 0, 0, 0)
+            mavlink.MAVLink_gps_raw_int_message(0, self.fix, 0, 0, 30_000, 70, 70, 0, 0, 12, 53_000, 300, 300, 0, 0, 0),
+            mavlink.MAVLink_ekf_status_report_message(self.estimator, 0, 0, 0, 0, 0)
             if not px4
-            else mavlink.MAVLink_estimator_status_message(0, 1023, 0, 0, 0, 0, 0, 0, 0.3, 0.3),
+            else mavlink.MAVLink_estimator_status_message(0, self.estimator, 0, 0, 0, 0, 0, 0, 0.3, 0.3),
             mavlink.MAVLink_global_position_int_message(
                 boot_ms,
                 round(lat * 1e7),

@@ -161,14 +161,58 @@ def test_an_operators_fly_here_in_guided_ends_the_flight(mask: int, metres: floa
     assert vehicle.log[-1] == "release"
 
 
-def test_another_controllers_setpoint_ends_the_flight_and_prevents_the_next(vehicle: FakeVehicle) -> None:
+RIVAL = "another controller (77/9) sent SET_ATTITUDE_TARGET"
+
+
+def test_a_strangers_packet_ends_nothing_while_the_vehicle_follows_us(vehicle: FakeVehicle) -> None:
     _flying(vehicle)
-    vehicle.flight.rival("another controller (255/190) sent SET_POSITION_TARGET_LOCAL_NED", vehicle.now_s)
+    order = vehicle.order("path", path=OUT_AND_BACK)
+    vehicle.run(1.0)
+    for _ in range(5):
+        vehicle.flight.rival(RIVAL, vehicle.now_s)
+        vehicle.run(0.2)
+    vehicle.run(7.5)
+    assert vehicle.state_of(order) is OrderState.DONE
+    assert [event.text.split(";")[0] for event in vehicle.events("caution")] == [RIVAL]
+
+
+def test_a_vehicle_that_follows_a_stranger_in_a_mode_of_ours_is_put_into_hold(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    vehicle.obeys = False
+    for _ in range(60):
+        vehicle.flight.rival(RIVAL, vehicle.now_s)
+        vehicle.place = vehicle.place + np.array([0.05, 0.0, 0.0])
+        vehicle.velocity = np.array([2.5, 0.0, 0.0])
+        vehicle.run(0.02)
+    assert RIVAL in vehicle.events("failsafe")[0].text
+    assert "mode hold" in vehicle.log
+
+
+def test_a_stranger_whom_the_autopilot_obeys_has_the_vehicle(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    vehicle.flight.rival("another controller sent it to another place", vehicle.now_s, obeyed=True)
     assert vehicle.log[-1] == "release"
-    vehicle.switch("hold")
-    vehicle.run(0.5)
+    assert "the autopilot obeys it" in vehicle.events("pilot")[0].text
+
+
+def test_another_controller_on_the_link_prevents_the_flight(vehicle: FakeVehicle) -> None:
     vehicle.begin()
-    assert "another controller" in vehicle.reason_of(vehicle.order("hover"))
+    vehicle.flight.rival(RIVAL, vehicle.now_s)
+    assert RIVAL in vehicle.reason_of(vehicle.order("hover"))
+
+
+def test_a_stray_heartbeat_of_another_autopilot_ends_nothing(vehicle: FakeVehicle) -> None:
+    _flying(vehicle)
+    order = vehicle.order("path", path=OUT_AND_BACK)
+    vehicle.run(1.0)
+    for maker, kind in ((mavlink.MAV_AUTOPILOT_PX4, 2), (mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 2), (18, 1)):
+        ours = mavlink.MAV_AUTOPILOT_PX4 if vehicle.autopilot == "px4" else mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        if maker != ours:
+            vehicle.hear(mavlink.MAVLink_heartbeat_message(kind, maker, 0, 0, mavlink.MAV_STATE_CRITICAL, 3))
+            vehicle.run(0.1)
+    vehicle.run(8.0)
+    assert vehicle.state_of(order) is OrderState.DONE
+    assert not vehicle.events("pilot") + vehicle.events("failsafe")
 
 
 def test_a_silent_program_stops_the_vehicle_within_deadman_and_tick(vehicle: FakeVehicle) -> None:

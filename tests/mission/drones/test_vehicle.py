@@ -246,3 +246,27 @@ def test_a_target_across_the_date_line_is_near(at_e7: int, target_e7: int) -> No
     state.position_target = PositionTarget(11.0, 0.0, target_e7 * 1e-7, False)
     assert sent_elsewhere(state, np.array([0.0, 0.0, -10.0]), 10.5) is None
     assert sent_elsewhere(state, np.array([0.0, -4.0 * np.sign(there[1]), -10.0]), 10.5) is not None
+
+
+def test_another_autopilot_is_believed_once_the_known_one_is_silent() -> None:
+    state = VehicleState(1)
+
+    def known_after(maker: int, now_s: float) -> str:
+        state.update(_heard(mavlink.MAVLink_heartbeat_message(2, maker, 0, 0, 4, 3)), now_s)
+        return state.autopilot
+
+    assert known_after(mavlink.MAV_AUTOPILOT_PX4, 10.0) == "px4"
+    assert known_after(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 10.5) == "px4"
+    assert known_after(mavlink.MAV_AUTOPILOT_PX4, 11.0) == "px4"
+    assert known_after(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 15.0) == "ardupilot"
+
+
+def test_a_report_that_is_repeated_or_overtaken_is_no_new_one() -> None:
+    state = VehicleState(1)
+    state.update(_heard(mavlink.MAVLink_heartbeat_message(2, mavlink.MAV_AUTOPILOT_PX4, 0, 0, 4, 3)), 10.0)
+    for now_s, boot_ms, north in ((10.0, 5000, 1.0), (10.1, 5000, 1.0), (10.2, 4980, 0.9)):
+        state.update(_heard(mavlink.MAVLink_local_position_ned_message(boot_ms, north, 0, -3, 0, 0, 0)), now_s)
+    assert state.local is not None
+    assert state.local.t_s == 10.0
+    state.update(_heard(mavlink.MAVLink_local_position_ned_message(20, 0, 0, -3, 0, 0, 0)), 10.3)
+    assert state.local.t_s == 10.3, "the autopilot was started again"
