@@ -10,11 +10,12 @@ folder at every commit. A GIS that opened the file may have switched it to a wri
 from __future__ import annotations
 
 import errno
+import math
 import os
 import sqlite3
 import struct
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -125,6 +126,9 @@ def connect(path: Path, *, busy_timeout_s: float) -> sqlite3.Connection:
             raise AnswerError(f"{path} is not a GeoPackage", "Give another file name; this one is left as it is.")
         connection.execute("PRAGMA synchronous = EXTRA")
         connection.execute("PRAGMA foreign_keys = ON")
+        connection.text_factory = _text
+        for name, function in _GEOMETRY_FUNCTIONS.items():
+            connection.create_function(name, 1, function, deterministic=True)
     except BaseException:
         connection.close()
         raise
@@ -137,6 +141,57 @@ def point(lon_deg: float, lat_deg: float, ellipsoid_height_m: float | None) -> b
     if ellipsoid_height_m is None:
         return header + struct.pack("<BIdd", 1, 1, lon_deg, lat_deg)
     return header + struct.pack("<BIddd", 1, 1001, lon_deg, lat_deg, ellipsoid_height_m)
+
+
+def position(geometry: bytes) -> tuple[float, float] | None:
+    """Longitude and latitude (degrees) of a point in GeoPackage binary format; None of an empty or another geometry.
+
+    Raises:
+        ValueError: it is no geometry of a GeoPackage.
+    """
+    if len(geometry) < 8 or geometry[:2] != b"GP":
+        raise ValueError("no GeoPackage geometry")
+    envelope = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}.get(geometry[3] >> 1 & 0b111)
+    if envelope is None:
+        raise ValueError("no GeoPackage geometry")
+    wkb = geometry[8 + envelope :]
+    if len(wkb) < 5:
+        raise ValueError("a geometry without its end")
+    order = "<" if wkb[0] else ">"
+    (kind,) = struct.unpack_from(f"{order}I", wkb, 1)
+    if kind % 1000 != 1:
+        return None
+    if len(wkb) < 21:
+        raise ValueError("a geometry without its end")
+    x, y = struct.unpack_from(f"{order}dd", wkb, 5)
+    return None if math.isnan(x) or math.isnan(y) else (x, y)
+
+
+def _bound(axis: int) -> Callable[[bytes | None], float | None]:
+    def of(geometry: bytes | None) -> float | None:
+        found = None if geometry is None else position(geometry)
+        return None if found is None else found[axis]
+
+    return of
+
+
+def _is_empty(geometry: bytes | None) -> int | None:
+    return None if geometry is None else int(position(geometry) is None)
+
+
+# What the triggers of a spatial index call (annex F.3, extension gpkg_rtree_index), which a GIS may have added.
+_GEOMETRY_FUNCTIONS: Final[dict[str, Callable[[bytes | None], float | None]]] = {
+    "ST_IsEmpty": _is_empty,
+    "ST_MinX": _bound(0),
+    "ST_MaxX": _bound(0),
+    "ST_MinY": _bound(1),
+    "ST_MaxY": _bound(1),
+}
+
+
+def _text(content: bytes) -> str:
+    """A text that another program spoilt costs its cell, not the whole reading."""
+    return content.decode("utf-8", "backslashreplace")
 
 
 def _name_once(draft: Path, path: Path) -> None:

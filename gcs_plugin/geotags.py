@@ -6,28 +6,30 @@ journal undoes the half, at once or when the file is next opened.
 
 from __future__ import annotations
 
-import json
 import logging
 import sqlite3
-from collections.abc import Iterator
+import uuid
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, get_args
+from typing import Final
 
 from gcs_plugin import geopackage
 from gcs_plugin.durable import make_folder
 from gcs_plugin.geotag import COLUMNS, Geotag, Provenance, make_geotag, row
+from gcs_plugin.geotag_row import geotag_of_row
+from gcs_plugin.geotag_spool import GeotagSpool
 from mission.errors import AnswerError
 from mission.geodesy import Geodetic
-from mission.records import Datum
 
 __all__ = ["Geotag", "GeotagLog", "Logged", "Provenance", "make_geotag", "read_geotags"]
 
 LAYER: Final = "geotags"
 _INSERT: Final = (
-    f"INSERT INTO {LAYER} (geom, {', '.join(column.name for column in COLUMNS)}) VALUES (?{', ?' * len(COLUMNS)})"
+    f"INSERT INTO {LAYER} (fid, geom, {', '.join(column.name for column in COLUMNS)})"
+    f" VALUES (?, ?{', ?' * len(COLUMNS)})"
 )
 _EXTENT: Final = (
     "UPDATE gpkg_contents SET last_change = strftime('%Y-%m-%dT%H:%M:%fZ', 'now'),"
@@ -38,6 +40,10 @@ _EXTENT: Final = (
 _log = logging.getLogger(__name__)
 
 
+class AlreadyLogged(AnswerError):
+    """The log has a geotag of this name."""
+
+
 @dataclass(frozen=True, slots=True)
 class Logged:
     """An acknowledged geotag: on the disk, numbered, in the file named."""
@@ -45,48 +51,86 @@ class Logged:
     geotag: Geotag
     path: Path
     warning: str = ""
-    """Why it went to the fallback folder; empty when it did not."""
+    """Why it is not in the log but waits beside it; empty when it is in the log."""
 
 
 class GeotagLog:
     """Appends geotags to a GeoPackage. Every call opens the file anew, so a file that was moved or replaced is noticed.
 
+    A geotag that the log cannot take now is kept beside it and goes into the log with the next one that it takes.
+
     Args:
         path: of the GeoPackage; made, with its folders, at the first use.
-        fallback: a folder, best on another disk, for geotags that cannot be written to `path`.
         busy_timeout_s: how long to wait for another program that is reading or writing the file.
     """
 
-    def __init__(self, path: Path, *, fallback: Path | None = None, busy_timeout_s: float = 1.0) -> None:
+    def __init__(self, path: Path, *, busy_timeout_s: float = 1.0) -> None:
         self.path = path
-        self.fallback = None if fallback is None else fallback / path.name
+        self._spool = GeotagSpool(path)
         self._busy_timeout_s = busy_timeout_s
+        self._highest = 0
 
     def prepare(self) -> None:
-        """Make the file if it is not there and see that it can be written: before the flight, not after it.
+        """Make the file if it is not there and see that it takes a geotag: before the flight, not after it.
+
+        What waits beside the log goes into it.
 
         Raises:
-            AnswerError: it cannot.
+            AnswerError: it cannot be written, or does not take a geotag.
         """
-        with _named(self.path), self._transaction(self.path):
-            pass
+        with _named(self.path), self._transaction(self.path) as connection:
+            self._highest = max(self._highest, _highest(connection))
+            self._try(connection)
+        with _named(self._spool.folder):
+            self._spool.prepare(self._highest)
+        self.merge()
+
+    def numbered(self, geotag: Geotag) -> Geotag:
+        """With the number that it will have in the log; none is ever given twice, also when an older log is put back.
+
+        Quick: the log itself, which another program may hold, is not asked.
+        """
+        return replace(geotag, number=self._spool.claim(self._highest))
 
     def append(self, geotag: Geotag) -> Logged:
-        """Log a geotag; when this returns, it is on the disk.
+        """Log a geotag; when this returns, it is on the disk: in the log, or beside it until the log can take it.
 
         Raises:
-            AnswerError: it could be written neither to the log nor to the fallback folder; the log is as it was.
+            AnswerError: it is in the log already, or it could be written to neither place; the log is as it was.
         """
+        if geotag.number == 0:
+            self._look()
+            geotag = self.numbered(geotag)
         try:
-            return self._append(geotag, self.path)
+            logged = self._append(geotag)
+        except AlreadyLogged:
+            raise
         except AnswerError as error:
-            if self.fallback is None:
-                raise
             _log.warning("%s", error)
             try:
-                return replace(self._append(geotag, self.fallback), warning=str(error))
+                return Logged(geotag, self._spool.put(geotag), str(error))
             except AnswerError as second:
                 raise AnswerError(f"{error.cause}; and {second.cause}", error.remedy) from second
+        self.merge()
+        return logged
+
+    def merge(self) -> int:
+        """Put what waits beside the log into it, as far as the log takes it now; how many still wait."""
+        left = 0
+        for path, geotag in self._spool.waiting():
+            try:
+                self._append(geotag)
+            except AlreadyLogged:
+                _log.info("%s is in the log", path)
+            except AnswerError as error:
+                _log.warning("%s still waits: %s", path, error)
+                left += 1
+                continue
+            try:
+                self._spool.logged(path)
+            except OSError as error:
+                _log.warning("%s is in the log and cannot be removed: %s", path, error)
+        return left
 
     def read(self) -> list[Geotag]:
         """All geotags of the log, oldest first; none when the file is not there yet.
@@ -96,14 +140,33 @@ class GeotagLog:
         """
         return read_geotags(self.path, busy_timeout_s=self._busy_timeout_s) if self.path.exists() else []
 
-    def _append(self, geotag: Geotag, path: Path) -> Logged:
-        cells = row(geotag).values()
-        geometry = geopackage.point(geotag.place.lon_deg, geotag.place.lat_deg, geotag.ellipsoid_height_m)
-        with _named(path), self._transaction(path) as connection:
-            number = connection.execute(_INSERT, [geometry, *cells]).lastrowid
-            extent = {"x": geotag.place.lon_deg, "y": geotag.place.lat_deg, "layer": LAYER}
-            connection.execute(_EXTENT, extent)
-        return Logged(replace(geotag, number=number or 0), path)
+    def _look(self) -> None:
+        """Learn the highest number in the log, where it can be read."""
+        try:
+            if self.path.exists():
+                with _named(self.path, "read"), _opened(self.path, self._busy_timeout_s) as connection:
+                    self._highest = max(self._highest, _highest(connection))
+        except AnswerError as error:
+            _log.info("%s", error)
+
+    def _append(self, geotag: Geotag) -> Logged:
+        with _named(self.path), self._transaction(self.path) as connection:
+            if _has(connection, "id", geotag.id):
+                raise AlreadyLogged(f"The geotag is in {self.path} already")
+            if _has(connection, "fid", geotag.number):  # somebody wrote rows of their own into the log
+                self._highest = max(self._highest, _highest(connection))
+                before, geotag = geotag.number, self.numbered(geotag)
+                _log.warning("the log has another geotag %d: this one is number %d", before, geotag.number)
+            _insert(connection, geotag)
+        self._highest = max(self._highest, geotag.number)
+        return Logged(geotag, self.path)
+
+    def _try(self, connection: sqlite3.Connection) -> None:
+        """Append a geotag and take it back: triggers, columns and constraints that others added show themselves."""
+        connection.execute("SAVEPOINT trial")
+        _insert(connection, _trial(self._highest + 1))
+        connection.execute("ROLLBACK TO trial")
+        connection.execute("RELEASE trial")
 
     @contextmanager
     def _transaction(self, path: Path) -> Iterator[sqlite3.Connection]:
@@ -115,33 +178,94 @@ class GeotagLog:
                 geopackage.create(path, LAYER, "Targets located by Sidestep", kinds)
             except FileExistsError:
                 _log.info("%s was made by another process meanwhile", path)
-        connection = geopackage.connect(path, busy_timeout_s=self._busy_timeout_s)
-        try:
+        with _opened(path, self._busy_timeout_s) as connection:
             connection.execute("BEGIN IMMEDIATE")
             _check_columns(connection, path)
             yield connection
             connection.execute("COMMIT")
-        finally:
-            connection.close()  # undoes what was not committed
 
 
-def read_geotags(path: Path, *, busy_timeout_s: float = 1.0) -> list[Geotag]:
-    """All geotags of a log, oldest first.
+def read_geotags(
+    path: Path, *, busy_timeout_s: float = 1.0, told: Callable[[str], None] = _log.warning
+) -> list[Geotag]:
+    """All geotags of a log, and those that wait beside it, lowest number first.
+
+    Args:
+        path: of the log.
+        busy_timeout_s: how long to wait for another program that is writing it.
+        told: is told of a row that is no geotag (any more), which is left out.
 
     Raises:
         AnswerError: it is not there, cannot be read or is no log of geotags.
     """
     if not path.is_file():
         raise AnswerError(f"There is no geotag log {path}", "Check the path.")
-    with _named(path, "read"):
-        connection = geopackage.connect(path, busy_timeout_s=busy_timeout_s)
+    with _named(path, "read"), _opened(path, busy_timeout_s) as connection:
+        _check_columns(connection, path)
+        connection.row_factory = sqlite3.Row
+        rows = [dict(each) for each in connection.execute(f"SELECT * FROM {LAYER} ORDER BY fid")]
+    found = []
+    for each in rows:
         try:
-            _check_columns(connection, path)
-            connection.row_factory = sqlite3.Row
-            found = connection.execute(f"SELECT * FROM {LAYER} ORDER BY fid").fetchall()
-        finally:
-            connection.close()
-        return [_geotag(each) for each in found]
+            found.append(geotag_of_row(each, each["fid"]))
+        except ValueError as error:
+            told(f"row {each['fid']} of the geotag log {path} is no geotag and is left out: {error}")
+    names = {geotag.id for geotag in found}
+    waiting = [geotag for _, geotag in GeotagSpool(path).waiting() if geotag.id not in names]
+    return sorted([*found, *waiting], key=lambda geotag: geotag.number)
+
+
+@contextmanager
+def _opened(path: Path, busy_timeout_s: float) -> Iterator[sqlite3.Connection]:
+    """Closed at the end, which undoes what was not committed."""
+    connection = geopackage.connect(path, busy_timeout_s=busy_timeout_s)
+    try:
+        yield connection
+    finally:
+        connection.close()
+
+
+def _insert(connection: sqlite3.Connection, geotag: Geotag) -> None:
+    geometry = geopackage.point(geotag.place.lon_deg, geotag.place.lat_deg, geotag.ellipsoid_height_m)
+    connection.execute(_INSERT, [geotag.number, geometry, *row(geotag).values()])
+    connection.execute(_EXTENT, {"x": geotag.place.lon_deg, "y": geotag.place.lat_deg, "layer": LAYER})
+
+
+def _has(connection: sqlite3.Connection, column: str, value: str | int) -> bool:
+    (rows,) = connection.execute(f"SELECT count(*) FROM {LAYER} WHERE {column} = ?", [value]).fetchone()
+    return bool(rows)
+
+
+def _highest(connection: sqlite3.Connection) -> int:
+    """The highest number that the log has given away; rows that were deleted count."""
+    (number,) = connection.execute(
+        f"SELECT max(coalesce((SELECT max(fid) FROM {LAYER}), 0),"
+        " coalesce((SELECT max(seq) FROM sqlite_sequence WHERE name = ?), 0))",
+        [LAYER],
+    ).fetchone()
+    return int(number)
+
+
+def _trial(number: int) -> Geotag:
+    """A geotag for a trial, which nobody ever sees."""
+    nothing = (0.0,) * 6
+    return Geotag(
+        id=f"trial-{uuid.uuid4().hex}",
+        time_utc=datetime(2000, 1, 1, tzinfo=UTC),
+        place=Geodetic(0.0, 0.0, 0.0, "ellipsoid"),
+        covariance=((1.0, *nothing[1:]), (0.0, 1.0, *nothing[2:]), *(nothing,) * 4),
+        velocity_enu_m_s=None,
+        method="trial",
+        model="trial",
+        depth_m=0.0,
+        sightings=0,
+        rejected=0,
+        chi2=None,
+        dof=None,
+        drone=None,
+        provenance=Provenance("trial", "trial"),
+        number=number,
+    )
 
 
 def _check_columns(connection: sqlite3.Connection, path: Path) -> None:
@@ -159,8 +283,6 @@ def _named(path: Path, verb: str = "written") -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
-        if getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_CONSTRAINT_UNIQUE:
-            raise AnswerError(f"The geotag is in {path} already") from error
         why, remedy = _REASONS.get(getattr(error, "sqlite_errorcode", 0) & 0xFF, (str(error), "Check disk and file."))
         raise AnswerError(f"The geotag log {path} cannot be {verb}: {why}", remedy) from error
     except OSError as error:
@@ -168,8 +290,6 @@ def _named(path: Path, verb: str = "written") -> Iterator[None]:
             f"The geotag log {path} cannot be {verb}: {error.strerror or error}",
             "Free some space, check the permissions, or name another folder.",
         ) from error
-    except (ValueError, TypeError, KeyError) as error:
-        raise AnswerError(f"The geotag log {path} holds a row that is no geotag: {error}", "Restore a copy.") from error
 
 
 _REASONS: Final = {
@@ -183,46 +303,3 @@ _REASONS: Final = {
     sqlite3.SQLITE_NOTADB: ("it is no GeoPackage", "Give another file name; this one is left as it is."),
     sqlite3.SQLITE_CORRUPT: ("it is damaged", "Give another file name, and restore this one from a copy."),
 }
-
-
-def _geotag(found: sqlite3.Row) -> Geotag:
-    def place(prefix: str = "") -> Geodetic | None:
-        if found[f"{prefix}lat_deg"] is None:
-            return None
-        datum: Datum = found[f"{prefix}alt_datum"]
-        if datum not in get_args(Datum):
-            raise ValueError(f"unknown datum {datum!r}")
-        return Geodetic(found[f"{prefix}lat_deg"], found[f"{prefix}lon_deg"], found[f"{prefix}alt_m"], datum)
-
-    target = place()
-    if target is None:
-        raise ValueError(f"geotag {found['fid']} has no place")
-    east, north, up = found["velocity_east_m_s"], found["velocity_north_m_s"], found["velocity_up_m_s"]
-    return Geotag(
-        id=found["id"],
-        time_utc=datetime.fromisoformat(found["time_utc"]),
-        place=target,
-        covariance=tuple((a, b, c, d, e, f) for a, b, c, d, e, f in json.loads(found["covariance_enu"])),
-        velocity_enu_m_s=None if east is None else (east, north, up),
-        method=found["method"],
-        model=found["model"],
-        depth_m=found["depth_m"],
-        sightings=found["sightings"],
-        rejected=found["rejected"],
-        chi2=found["chi2"],
-        dof=found["dof"],
-        drone=place("drone_"),
-        provenance=Provenance(
-            software=found["software"],
-            flight_id=found["flight_id"],
-            sightings_file=found["sightings_file"],
-            video=found["video"],
-            link=found["link"],
-            choice=found["choice"],
-            noise_preset=found["noise_preset"],
-        ),
-        geoid_separation_m=found["geoid_separation_m"],
-        notes=tuple(json.loads(found["notes"])),
-        picture=found["picture"] or b"",
-        number=found["fid"],
-    )

@@ -9,6 +9,7 @@ from typing import Final
 
 from gcs_plugin.durable import write_whole
 from gcs_plugin.export import FORMATS
+from gcs_plugin.geotag_spool import GeotagSpool
 from gcs_plugin.geotags import Geotag, read_geotags
 from mission.errors import SettingsError, SidestepError
 
@@ -26,7 +27,7 @@ class Targets:
 
     def __init__(self, path: Callable[[], Path]) -> None:
         self._path = path
-        self._seen: tuple[Path, int, int] | None = None
+        self._seen: tuple[Path, int, int, int] | None = None
         self._next_look_s = 0.0
         self._geotags: Sequence[Geotag] = ()
         self.version = 0
@@ -80,12 +81,14 @@ class Targets:
         try:
             path = self._path()
             state = path.stat()
+            aside = GeotagSpool(path).folder  # a geotag that the log could not take is shown, too
+            beside_ns = aside.stat().st_mtime_ns if aside.is_dir() else 0
         except (OSError, SidestepError) as error:
             _LOG.debug("no log of geotags: %s", error)
             self.version += self._seen is not None
             self._seen, self._geotags = None, ()
             return
-        seen = (path, state.st_mtime_ns, state.st_size)
+        seen = (path, state.st_mtime_ns, state.st_size, beside_ns)
         if seen == self._seen:
             return
         try:
