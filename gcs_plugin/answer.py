@@ -1,7 +1,8 @@
-"""What becomes of an answer: the geotag first, then the aircraft and the ground station, then pictures for people.
+"""What becomes of an answer: it is told at once, then stored, then given to the autopilot, then drawn for people.
 
-The geotag is on the disk before anything is sent. What cannot be done afterwards (a region of interest refused, a
-picture that does not fit on the disk) is told and logged, and takes nothing back.
+Telling waits for nothing: the place is with the ground station and on the terminal before a disk is asked. Whatever
+fails afterwards (a log that another program holds, a region of interest refused, a picture that does not fit on the
+disk) is told and noted, and takes nothing back.
 """
 
 from __future__ import annotations
@@ -15,17 +16,17 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 
-import numpy as np
-
 from gcs_plugin.adsb import AdsbMirror
 from gcs_plugin.contact_sheet import contact_sheet
 from gcs_plugin.durable import write_whole
 from gcs_plugin.flight_folder import FlightFolder
 from gcs_plugin.geotags import Geotag, GeotagLog, Provenance, make_geotag
+from gcs_plugin.outcome import Outcome
 from gcs_plugin.plan_view import plan_view
 from gcs_plugin.progress import Progress
 from gcs_plugin.publish import Link, StatusTexts, camera_tracking_geo_status
 from gcs_plugin.push_back import WORDS, PushBack, What
+from gcs_plugin.siting import Sited, sited
 from gcs_plugin.steady_view import steady_view
 from mission.drones.drone import Drone
 from mission.errors import AnswerError, SettingsError, SidestepError
@@ -88,16 +89,23 @@ class Answer:
         self._progress = progress
         self._provenance = provenance
         self._times = times
-        self._push_back = None if link is None else PushBack(drone, link, settings)
+        self._push_back = None if link is None else PushBack(link, settings)
         self._texts = StatusTexts(link) if link is not None and settings.statustext else None
         self._stage: Stage | None = None
         self._timing: dict[str, float] = {}
         self._log_failed = False
+        self._site: Sited | None = None
+        self._outcome = Outcome()
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sidestep-log")
         self._flights: list[FlightSightings] = []
         self._seen: deque[KeyFrame] = deque(maxlen=SEEN_FRAMES)
         self.geotag: Geotag | None = None
-        """The acknowledged geotag."""
+        """The newest answer as it was told; `outcome` says whether it is in the log."""
+
+    @property
+    def outcome(self) -> Outcome:
+        """What became of the newest answer so far."""
+        return self._outcome
 
     def stage(self, stage: Stage, text: str) -> None:
         """Tell the terminal and the flight's log; a new stage also goes to the ground station."""
@@ -114,33 +122,50 @@ class Answer:
             self._seen.append(KeyFrame(frame.image.copy(), frame.t_s, track))
 
     def sightings(self, flight: FlightSightings) -> None:
-        """Keep the sightings, whatever follows."""
+        """Keep the sightings, whatever follows; nothing waits for the disk."""
         self._flights.append(flight)
-        self._attempt("sightings", lambda: self._folder.write_sightings(self._flights))
+        flights = tuple(self._flights)
+        self._later(lambda: self._attempt("sightings", lambda: self._folder.write_sightings(flights)))
 
     def located(self, located: Located) -> None:
-        """Log the geotag, then send it."""
-        if located.geodetic:
-            tag = self._geotag(located)
-            logged = self._log.append(tag)
-            self.geotag = logged.geotag
-            if logged.warning:
-                self._tell("geotag", logged.warning)
-        published = self._sited(located.estimate)
-        if self._link is not None and located.geodetic:
-            self._link.send(self._geo_status(located, published))
+        """Tell the ground station and the terminal. Called in the flight's own loop: nothing here waits.
+
+        Raises:
+            AnswerError: the estimate holds numbers that cannot be.
+        """
+        site = sited(located.estimate, located.flight, self._drone.pose_at)
+        self._site, self._outcome = site, Outcome()
+        self.geotag = self._log.numbered(self._geotag(located, site)) if located.geodetic else None
+        if self._link is not None and self.geotag is not None:
+            separation = self.geotag.geoid_separation_m
+            origin = located.flight.origin
+            self._link.send(
+                camera_tracking_geo_status(site.estimate, origin, site.drone_enu_m, geoid_separation_m=separation)
+            )
+        self._say_result(site.estimate)
+        self._timing["last_frame_to_answer_s"] = self._times.clock() - located.last_frame_s
+
+    def keep(self, located: Located, over: Callable[[], str]) -> None:
+        """Store the answer, then give it to the autopilot; in another thread, while the flight is watched.
+
+        Args:
+            located: the answer that was told.
+            over: why the flight is over, as soon as it is: the answer is stored all the same, and nothing more is sent.
+        """
+        if self.geotag is not None:
+            self._store(self.geotag)
         self._timing["last_frame_to_geotag_s"] = self._times.clock() - located.last_frame_s
-        self._give_back("roi", located)
+        self._give_back("roi", located.ended or over())
         self._timing["last_frame_to_roi_s"] = self._times.clock() - located.last_frame_s
         self._attempt("ADSB marker", self._show_as_traffic)
-        self._say_result()
+        self._write_answer()
 
     def finish(self, located: Located) -> None:
-        """After the aircraft holds: the waypoint, the pictures and `answer.json`."""
-        self._give_back("waypoint", located)
-        if self.geotag is not None:
-            tag = self.geotag
-            self._attempt("answer.json", lambda: self._folder.write_answer(tag))
+        """After the aircraft holds: the waypoint, the pictures, and what became of all that."""
+        self._outcome = replace(self._outcome, ended=located.ended)
+        self._give_back("waypoint", located.ended)
+        self._try_again_to_log()
+        self._write_answer()
         self._attempt("estimate.json", lambda: self._write_estimate(located))
         self._attempt("plan view", lambda: self._folder.write_plan_view(self._plan_view(located)))
         reported, steadied = located.as_reported, located.steadied
@@ -156,14 +181,21 @@ class Answer:
             self._attempt("contact sheet", lambda: self._folder.write_contact_sheet(sheet()))
 
     def failed(self, error: SidestepError) -> None:
-        """The flight gave no answer: keep why, and tell the ground station."""
+        """The flight ended by an error: keep why, and tell the ground station. An answer that was told stands."""
         self._event("failed", str(error))
-        self._attempt("answer.json", lambda: self._folder.write_no_answer(error))
+        if self.geotag is None:
+            said = f"no answer: {error.cause}"
+            self._attempt("answer.json", lambda: self._folder.write_no_answer(error))
+        else:
+            said = f"{error.cause}; target {self.geotag.number} stands"
+            self._progress.say(said)
+            self._outcome = replace(self._outcome, ended=error.cause)
+            self._write_answer()
         if self._seen:
             seen = tuple(self._seen)
             self._attempt("contact sheet", lambda: self._folder.write_contact_sheet(_contact_sheet(seen)))
         if self._texts is not None:
-            self._texts.send(f"sidestep: no answer: {error.cause}")
+            self._texts.send(f"sidestep: {said}")
 
     def close(self) -> None:
         """Wait until the flight's log is on the disk. Safe to call twice."""
@@ -183,52 +215,72 @@ class Answer:
     def _plan_view(self, located: Located) -> bytes:
         return plan_view(
             located.flight,
-            self._sited(located.estimate),
+            located.estimate if self._site is None else self._site.estimate,
             drone_track=located.drone_track,
             geodetic=located.geodetic,
         )
 
-    def _geotag(self, located: Located) -> Geotag:
-        estimate = self._sited(located.estimate)
-        pose = self._drone.pose_at(estimate.t_s)
+    def _geotag(self, located: Located, site: Sited) -> Geotag:
         return make_geotag(
-            estimate,
+            site.estimate,
             located.flight.origin,
             id=located.flight.id,
-            time_utc=self._times.utc_of(estimate.t_s),
+            time_utc=self._times.utc_of(site.estimate.t_s),
             provenance=replace(self._provenance, sightings_file=str(self._folder.sightings_path)),
-            drone_enu_m=None if pose is None else pose.position_enu_m,
+            drone_enu_m=site.drone_enu_m,
             geoid_separation_m=self._drone.telemetry().geoid_separation_m,
             picture=located.target_picture or b"",
         )
 
-    def _sited(self, estimate: Estimate) -> Estimate:
-        """With the uncertainty of the aircraft's own place, which a place on the earth has and a distance has not."""
-        pose = self._drone.pose_at(estimate.t_s)
-        if pose is None or estimate.covariance is None:
-            return estimate
-        covariance = estimate.covariance.copy()
-        covariance[:3, :3] += pose.position_covariance_m2
-        return replace(estimate, covariance=covariance)
+    def _store(self, tag: Geotag) -> None:
+        """In the log, or beside it; with what is known then, `answer.json` is written at once."""
+        try:
+            logged = self._log.append(tag)
+        except AnswerError as error:
+            self._outcome = replace(self._outcome, not_logged=str(error))
+            self._not_logged(tag, error.cause, "")
+        else:
+            self.geotag = logged.geotag
+            self._outcome = replace(
+                self._outcome, logged=not logged.warning, log=str(logged.path), not_logged=logged.warning
+            )
+            if logged.geotag.number != tag.number:
+                self._tell("geotag", f"target {tag.number} is number {logged.geotag.number} in the log")
+            if logged.warning:
+                self._not_logged(logged.geotag, logged.warning, f"; kept in {logged.path}")
+        self._write_answer()
 
-    def _geo_status(self, located: Located, published: Estimate) -> object:
-        pose = self._drone.pose_at(published.t_s)
-        return camera_tracking_geo_status(
-            published,
-            located.flight.origin,
-            None if pose is None else np.asarray(pose.position_enu_m),
-            geoid_separation_m=self._drone.telemetry().geoid_separation_m,
-        )
+    def _not_logged(self, tag: Geotag, why: str, kept: str) -> None:
+        self._tell("geotag", f"target {tag.number} is not logged: {why}{kept}")
+        if self._texts is not None:
+            self._texts.send(f"sidestep: target {tag.number} not logged: {why}")
 
-    def _give_back(self, what: What, located: Located) -> None:
-        """To the autopilot, where the settings want it done without being asked for; not when others have it now."""
+    def _try_again_to_log(self) -> None:
+        """The other program may be done with the log by now."""
+        tag, outcome = self.geotag, self._outcome
+        if tag is None or outcome.logged or not outcome.log or self._log.merge():
+            return
+        self._outcome = replace(outcome, logged=True, log=str(self._log.path), not_logged="")
+        self._tell("geotag", f"target {tag.number} is in the log now")
+
+    def _write_answer(self) -> None:
+        if (tag := self.geotag) is not None:
+            self._attempt("answer.json", lambda: self._folder.write_answer(tag, self._outcome))
+
+    def _give_back(self, what: What, over: str) -> None:
+        """To the autopilot, where the settings want it done without being asked for; not when the flight is over."""
         tag, push_back = self.geotag, self._push_back
         if tag is None or push_back is None or not push_back.automatic(what):
             return
-        if located.ended:
-            self._tell(WORDS[what], f"not sent: the aircraft is not ours any more ({located.ended})")
+        try:
+            said = f"not sent: the flight is over ({over})" if over else push_back.do(what, tag)
+        except AnswerError as error:
+            said = f"failed: {error}"
+        if what == "roi":
+            self._outcome = replace(self._outcome, region_of_interest=said)
         else:
-            self._attempt(WORDS[what], lambda: self._tell(WORDS[what], push_back.do(what, tag)))
+            self._outcome = replace(self._outcome, waypoint=said)
+        self._tell(WORDS[what], said)
 
     def _show_as_traffic(self) -> None:
         """To a ground station, where the settings name one; goes on by itself until the marker's time is over."""
@@ -238,13 +290,11 @@ class Answer:
         system, component = self._link.source_system, self._link.source_component
         AdsbMirror(url, self.geotag, self._settings.adsb_lifetime_s, system=system, component=component)
 
-    def _say_result(self) -> None:
-        if self.geotag is None or self._texts is None:
-            return
-        tag = self.geotag
-        self._texts.send(
-            f"target {tag.number}: {tag.place.lat_deg:.6f} {tag.place.lon_deg:.6f} CE90 {tag.ce90_m:.1f} m"
-        )
+    def _say_result(self, estimate: Estimate) -> None:
+        text = _in_words(self.geotag, estimate)
+        if self._texts is not None:
+            self._texts.send(text)
+        self._tell("answer", text)
 
     def _attempt(self, what: str, do: Callable[[], object]) -> None:
         """Something that may fail without taking the answer back."""
@@ -259,7 +309,14 @@ class Answer:
 
     def _event(self, kind: str, text: str) -> None:
         """A line of the flight's log, written in another thread: a slow disk must not silence the flight's own loop."""
-        self._writer.submit(self._write_event, self._times.utc(), kind, text)
+        self._later(partial(self._write_event, self._times.utc(), kind, text))
+
+    def _later(self, work: Callable[[], object]) -> None:
+        """In the thread that writes; here, once that has ended."""
+        try:
+            self._writer.submit(work)
+        except RuntimeError:  # closed: work of an aborted flight comes to its end
+            work()
 
     def _write_event(self, when: datetime, kind: str, text: str) -> None:
         """A full disk is told once and does not stop the flight."""
@@ -269,6 +326,13 @@ class Answer:
             if not self._log_failed:
                 self._progress.say(str(error))
             self._log_failed = True
+
+
+def _in_words(tag: Geotag | None, estimate: Estimate) -> str:
+    if tag is not None:
+        return f"target {tag.number}: {tag.place.lat_deg:.6f} {tag.place.lon_deg:.6f} CE90 {tag.ce90_m:.1f} m"
+    east, north, up = estimate.position_enu_m
+    return f"target: {east:+.1f} m E {north:+.1f} m N {up:+.1f} m up of the start"
 
 
 def _contact_sheet(frames: Sequence[KeyFrame], trails: PointTrails | None = None) -> bytes:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import secrets
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +23,7 @@ from typing import Self
 
 from gcs_plugin.durable import LineFile, make_folder, sync, unwritable, write_whole
 from gcs_plugin.geotag import Geotag, as_json
+from gcs_plugin.outcome import Outcome
 from mission.errors import SidestepError
 from mission.estimate.sightings_file import flight_lines
 from mission.records import FlightSightings
@@ -120,13 +122,13 @@ class FlightFolder:
         """
         write_whole(self.path / "contact-sheet.jpg", jpeg)
 
-    def write_answer(self, geotag: Geotag) -> None:
-        """Keep the answer.
+    def write_answer(self, geotag: Geotag, outcome: Outcome) -> None:
+        """Keep the answer, and what became of it.
 
         Raises:
             AnswerError: it cannot be written.
         """
-        self._write_json(as_json(geotag))
+        self._write_json({**as_json(geotag), "outcome": asdict(outcome)})
 
     def write_no_answer(self, error: SidestepError) -> None:
         """Keep why there is no answer, and what would help.

@@ -20,6 +20,8 @@ from gcs_plugin.publish import Inbox, Link, Message, enum_name
 from mission.errors import AnswerError
 
 _PLAN: Final = mavlink.MAV_MISSION_TYPE_MISSION
+_PACE_ITEMS: Final = 10
+"""After this many the pace of a transfer shows, although one of them was lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,18 +70,31 @@ class MissionProtocol:
         self._retries = retries
         self._clock = clock
 
-    def download(self) -> tuple[MissionItem, ...]:
+    def download(self, within_s: float = math.inf) -> tuple[MissionItem, ...]:
         """The plan on the vehicle, in order; on ArduPilot the first item is home.
 
+        Args:
+            within_s: give up as soon as it shows that the whole will take longer.
+
         Raises:
-            AnswerError: the vehicle refused or did not answer.
+            AnswerError: the vehicle refused, did not answer or answers too slowly for its many items.
         """
         to = (self.link.target_system, self.link.target_component)
         with self.link.listen("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ACK") as inbox:
             request = mavlink.MAVLink_mission_request_list_message(*to, _PLAN)
             count = self._ask(inbox, request, lambda m: m.get_type() == "MISSION_COUNT", "how many items it has").count
-            items = []
+            items: list[MissionItem] = []
+            started = self._clock()
             for seq in range(count):
+                expected_s = (self._clock() - started) * count / max(seq, 1)
+                if seq >= _PACE_ITEMS and expected_s > within_s:
+                    self.link.send(
+                        mavlink.MAVLink_mission_ack_message(*to, mavlink.MAV_MISSION_OPERATION_CANCELLED, _PLAN)
+                    )
+                    raise AnswerError(
+                        f"The plan has {count} items, and reading them alone takes {expected_s:.0f} s on this link",
+                        "Add the waypoint in the ground station, or use a faster link.",
+                    )
                 request = mavlink.MAVLink_mission_request_int_message(*to, seq, _PLAN)
                 item = self._ask(inbox, request, _is_item(seq), f"item {seq + 1} of {count}")
                 params = (item.param1, item.param2, item.param3, item.param4)

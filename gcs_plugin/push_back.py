@@ -11,7 +11,6 @@ from gcs_plugin.geotags import Geotag
 from gcs_plugin.mission_items import append_item, standoff_waypoint
 from gcs_plugin.mission_protocol import MissionProtocol
 from gcs_plugin.publish import Link, set_region_of_interest
-from mission.drones.drone import Drone
 from mission.errors import AnswerError
 from mission.settings import AnswerSettings
 
@@ -23,13 +22,11 @@ class PushBack:
     """Gives geotags to one aircraft's autopilot.
 
     Args:
-        drone: asked for its height and the geoid separation.
         link: to its autopilot.
         settings: what is done when, and the stand-off.
     """
 
-    def __init__(self, drone: Drone, link: Link, settings: AnswerSettings) -> None:
-        self._drone = drone
+    def __init__(self, link: Link, settings: AnswerSettings) -> None:
         self._link = link
         self._settings = settings
 
@@ -67,8 +64,7 @@ class PushBack:
         return self._settings.roi if what == "roi" else self._settings.waypoint
 
     def _point_at(self, geotag: Geotag) -> str:
-        separation = self._drone.telemetry().geoid_separation_m
-        set_region_of_interest(self._link, geotag.place, geoid_separation_m=separation)
+        set_region_of_interest(self._link, geotag.place, geoid_separation_m=geotag.geoid_separation_m)
         return "set"
 
     def _append_waypoint(self, geotag: Geotag) -> str:
@@ -77,12 +73,11 @@ class PushBack:
                 "It is not known where the aircraft was, so there is no side to stand off to",
                 "Set the waypoint by hand.",
             )
-        height = self._drone.telemetry().height_m
         item = standoff_waypoint(
             geotag.place,
             geotag.drone,
             distance_m=self._settings.standoff_m,
-            height_above_home_m=float("nan") if height is None else height,
+            geoid_separation_m=geotag.geoid_separation_m,
         )
-        number = append_item(MissionProtocol(self._link), item)
-        return f"appended to the mission as item {number}"
+        appended = append_item(MissionProtocol(self._link), item)
+        return f"appended to the mission as item {appended.number}{appended.warning}"

@@ -8,8 +8,8 @@ process from stopping the aircraft.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
-from typing import TypeVar
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import Any, TypeVar
 
 from mission.drones.drone import Drone, Order, OrderState
 from mission.errors import Aborted, FlightEnded, FlightRefused, LinkError, SidestepError, VideoError
@@ -55,6 +55,9 @@ class FlightLoop:
         """Program time at which the newest frame was taken up."""
         self.ours = False
         """Whether the aircraft is under our control, as far as is known."""
+        self.over = ""
+        """What ended the flight while work went on in the other thread; empty as long as nothing did."""
+        self._work: Future[Any] | None = None
 
     def fly(self, order: Order) -> None:
         """From here the loop watches this order."""
@@ -116,17 +119,20 @@ class FlightLoop:
             What the work returns, and what ended the flight meanwhile.
 
         Raises:
-            Aborted: the operator wants no more of it; at once.
+            Aborted: the operator wants no more of it; at once, see `wait_for_work`.
             SidestepError: what the work raises; where the flight was ended meanwhile, its end beside that.
         """
         future, ended = self._worker.submit(work), None
+        self._work = future
         while not future.done():
             try:
                 self._check()
-            except Aborted:
+            except Aborted as error:
+                self.over = error.cause
                 raise
             except (FlightEnded, LinkError) as error:
                 ended = ended or error
+                self.over = ended.cause
             wait((future,), timeout=FRAME_WAIT_S)
         try:
             return future.result(), ended
@@ -134,6 +140,15 @@ class FlightLoop:
             if ended is None:
                 raise
             raise type(ended)(f"{ended.cause}; {error.cause}", ended.remedy) from error
+
+    def wait_for_work(self, timeout_s: float = 10.0) -> None:
+        """After an abort and the hold that followed: until the work in the other thread has seen `over` and ended."""
+        for _ in range(round(timeout_s / FRAME_WAIT_S)):
+            if self._work is None or self._work.done():
+                return
+            self._drone.telemetry()
+            self._aborted()  # ground stations are served in there
+            wait((self._work,), timeout=FRAME_WAIT_S)
 
     def give_back(self, timeout_s: float = 5.0) -> str:
         """Order hold, unless somebody else has the aircraft; wait until it holds.

@@ -94,6 +94,7 @@ class Locate:
         self._tracker = tracker
         self._offset = FlightOffset(TimeOffsetMeter(camera) if settings.video.check_offset else None)
         self._unsaved: FlightRecord | None = None
+        self._keeping = False
         self._prior = TargetPrior()
         self._passes = Passes()
         self._before: str | None = None
@@ -143,6 +144,8 @@ class Locate:
                 unconfirmed = self._loop.give_back()
                 if unconfirmed:
                     self._watcher.stage(Stage.HOLD, f"hold is not confirmed ({unconfirmed}): take over by hand")
+            if self._keeping:  # an abort met it: what it does by now is known before the end is told
+                self._loop.wait_for_work()
             if self._unsaved is not None:  # after the hold: the disk may be slow
                 self._watcher.sightings(self._flight(self._unsaved, self._told(), self._pointing.offset_s))
 
@@ -254,7 +257,10 @@ class Locate:
         else:
             located = replace(located, ended=ended.cause)
             self._watcher.stage(Stage.REPORT, f"the flight ended here ({ended.cause}); reporting what was seen")
-        _, afterwards = self._loop.through(partial(self._watcher.located, located))
+        self._watcher.located(located)
+        self._keeping = True
+        _, afterwards = self._loop.through(partial(self._watcher.keep, located, lambda: self._loop.over))
+        self._keeping = False
         return located if ended is not None or afterwards is None else replace(located, ended=afterwards.cause)
 
     def _told(self) -> Told:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
@@ -83,5 +84,14 @@ class Watcher(Protocol):
         ...
 
     def located(self, located: Located) -> None:
-        """The answer: store and publish it."""
+        """The answer: tell it at once. Called in the flight's own loop like the others: nothing in it may wait."""
+        ...
+
+    def keep(self, located: Located, over: Callable[[], str]) -> None:
+        """Store the answer that was told, and give it on. Called in another thread, where it may wait.
+
+        Args:
+            located: the answer.
+            over: why the flight is over (an abort, somebody else has the aircraft), as soon as it is; else empty.
+        """
         ...

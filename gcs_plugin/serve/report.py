@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from gcs_plugin.component import CameraComponent
@@ -54,3 +55,7 @@ class Report:
     def located(self, located: Located) -> None:
         """The answer."""
         self._other.located(located)
+
+    def keep(self, located: Located, over: Callable[[], str]) -> None:
+        """Store the answer."""
+        self._other.keep(located, over)

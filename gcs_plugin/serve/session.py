@@ -153,6 +153,7 @@ class Session:
 
     def _locate(self, order: Locate) -> None:
         settings, crew = self._component.settings, self._crew
+        self._meanwhile(crew.log.prepare)  # a log that takes no geotag is found before the flight
         video, camera = self._open_video()
         choice = self._choice(order.mark, camera)
         with FlightFolder(settings.answer.folder, crew.times.utc()) as folder, Progress(crew.console) as progress:
@@ -171,7 +172,7 @@ class Session:
 
     def _give_back(self, order: GiveBack) -> None:
         """The last answer to the autopilot, as region of interest and waypoint."""
-        push_back = PushBack(self._drone, self._link, self._component.settings.answer)
+        push_back = PushBack(self._link, self._component.settings.answer)
         wanted: list[tuple[What, bool]] = [("roi", order.roi), ("waypoint", order.waypoint)]
         for what in (name for name, asked in wanted if asked):
             said = self._meanwhile(partial(push_back.requested, what, self._geotag))

@@ -5,6 +5,7 @@ Time is the link's own and passes only while somebody waits, so tests are exact 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -118,6 +119,8 @@ class Vehicle:
     spoils: bool = False
     """Changes the second item of every upload of more than `spoils_above` items."""
     spoils_above: int = 0
+    turns_by_deg: float = 0.0
+    """Headings are read back turned by this."""
     mute: bool = False
     mute_at_upload: int | None = None
     """Falls silent when this upload is announced."""
@@ -206,7 +209,9 @@ class Vehicle:
             if message.seq == 0:
                 self.items[:1] = self.items[:1] or [HOME]
             else:
-                self.items[message.seq : message.seq + 1] = [replace(item, params=(*item.params[:3], 0.0))]
+                self.items[message.seq : message.seq + 1] = [
+                    replace(item, params=(*item.params[:3], 0.0), z=in_centimetres(item.z))
+                ]
         self._expected += 1
         self._retries = 0
         if self._expected < self._count:
@@ -229,6 +234,7 @@ class Vehicle:
 
     def _item(self, seq: int) -> Message:
         item = self.items[seq]
+        item = replace(item, params=(*item.params[:3], item.params[3] + self.turns_by_deg))
         frame = {0: 5, 3: 6}.get(item.frame, item.frame) if self.autopilot == PX4 else item.frame
         return mavlink.MAVLink_mission_item_int_message(
             *US, seq, frame, item.command, int(seq == 0), item.autocontinue, *item.params, item.x, item.y, item.z, 0
@@ -263,6 +269,13 @@ HOME = MissionItem(0, mavlink.MAV_CMD_NAV_WAYPOINT, (0.0, 0.0, 0.0, 0.0), 372276
 NAN = float("nan")
 
 
+def in_centimetres(height_m: float) -> float:
+    """A height as ArduPilot keeps and reports it: cut to centimetres, in single precision (AP_Mission.cpp)."""
+    if math.isnan(height_m):
+        return height_m
+    return float(np.float32(int(np.float32(height_m) * np.float32(100.0))) * np.float32(0.01))
+
+
 def plan(autopilot: int, length: int = 4) -> list[MissionItem]:
     """What an operator may have planned; on ArduPilot home comes first."""
     operators = [
@@ -272,5 +285,5 @@ def plan(autopilot: int, length: int = 4) -> list[MissionItem]:
         MissionItem(3, mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, (0.0, 0.0, 0.0, 0.0), 0, 0, 0.0, autocontinue=0),
     ][:length]
     if autopilot == ARDUPILOT:
-        return [HOME, *(replace(item, params=(*item.params[:3], 0.0)) for item in operators)]
+        return [HOME, *(replace(each, params=(*each.params[:3], 0.0), z=in_centimetres(each.z)) for each in operators)]
     return [replace(item, frame={0: 5, 3: 6}.get(item.frame, item.frame)) for item in operators]

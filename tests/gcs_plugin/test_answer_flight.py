@@ -54,8 +54,8 @@ def test_the_waypoint_joins_the_operators_plan_and_the_nose_gets_its_region_of_i
     autopilot.lose(0.1)
     target = enu_to_geodetic(np.array([2.0, 9.0, 0.9]), HOME)
     drone = enu_to_geodetic(np.array([0.0, 0.0, 3.0]), HOME)
-    waypoint = standoff_waypoint(target, drone, distance_m=5.0, height_above_home_m=3.0)
-    number = append_item(protocol, waypoint)
+    waypoint = standoff_waypoint(target, drone, distance_m=5.0)
+    number = append_item(protocol, waypoint).number
     set_region_of_interest(link, target)
     autopilot.lose(0.0)
 
@@ -65,7 +65,7 @@ def test_the_waypoint_joins_the_operators_plan_and_the_nose_gets_its_region_of_i
     assert [_bits(item) for item in after[home:-1]] == [_bits(item) for item in before[home:]]
     place = geodetic_to_enu(after[-1].x / 1e7, after[-1].y / 1e7, 30.0, HOME)
     assert np.hypot(*(place[:2] - [2.0, 9.0])) == pytest.approx(5.0, abs=0.05)
-    assert after[-1].z == pytest.approx(3.0, abs=0.02)
+    assert after[-1].z == pytest.approx(drone.alt_m, abs=0.02)
     assert autopilot.state()["roi_enu_m"] == pytest.approx([2.0, 9.0, 0.9], abs=0.05)
 
 

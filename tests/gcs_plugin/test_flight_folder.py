@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from gcs_plugin.flight_folder import FlightFolder
+from gcs_plugin.outcome import Outcome
 from mission.errors import AnswerError, EstimateRefused
 from mission.estimate.sightings_file import read_flights
 from mission.records import CameraIntrinsics, FlightSightings, Sighting
@@ -70,12 +71,20 @@ def test_the_sightings_can_be_read_back(tmp_path: Path) -> None:
 
 def test_the_answer_and_the_pictures_are_kept(tmp_path: Path) -> None:
     with FlightFolder(tmp_path, NOON) as folder:
-        folder.write_answer(replace(geotag(picture=jpeg()), number=3))
+        folder.write_answer(replace(geotag(picture=jpeg()), number=3), Outcome(not_logged="the disk is full"))
         folder.write_plan_view(b"png")
         folder.write_contact_sheet(b"jpeg")
         answer = json.loads((folder.path / "answer.json").read_text())
         assert (answer["number"], answer["id"], answer["alt_datum"]) == (3, "tag-1", "ellipsoid")
         assert len(answer["covariance_enu"]) == 6
+        assert answer["outcome"] == {
+            "logged": False,
+            "log": "",
+            "not_logged": "the disk is full",
+            "region_of_interest": "",
+            "waypoint": "",
+            "ended": "",
+        }
         assert sorted(entry.name for entry in folder.path.iterdir()) == [
             "answer.json",
             "contact-sheet.jpg",

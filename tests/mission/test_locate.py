@@ -1,13 +1,15 @@
 import math
 import threading
+import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
 from mission.drones.drone import DroneEvent, Path, Telemetry
-from mission.errors import DetectionError, EstimateRefused, FlightEnded, FlightRefused, LinkError, VideoError
+from mission.errors import Aborted, DetectionError, EstimateRefused, FlightEnded, FlightRefused, LinkError, VideoError
 from mission.locate import Locate
 from mission.located import Located, Stage, TargetChoice
 from mission.pose import Pose, PoseAt
@@ -25,6 +27,8 @@ class Notes:
     flights: list[FlightSightings] = field(default_factory=list)
     answers: list[Located] = field(default_factory=list)
     texts: list[str] = field(default_factory=list)
+    kept: list[str] = field(default_factory=list)
+    """Why the flight was over when an answer was stored."""
     frames: int = 0
     tracked_in: Counter[Stage] = field(default_factory=Counter)
 
@@ -43,6 +47,10 @@ class Notes:
 
     def located(self, located: Located) -> None:
         self.answers.append(located)
+
+    def keep(self, located: Located, over: Callable[[], str]) -> None:
+        del located
+        self.kept.append(over())
 
 
 class Scene:
@@ -173,6 +181,37 @@ def test_an_abort_while_estimating_is_an_end_at_once() -> None:
         scene.run()
     assert scene.drone.calls[-1] == "hold"
     assert not scene.notes.answers
+
+
+def test_an_abort_while_reporting_holds_at_once_and_the_end_waits_for_what_is_being_stored() -> None:
+    scene = Scene()
+    holds_before: list[bool] = []
+
+    def keep(located: Located, over: Callable[[], str]) -> None:
+        scene.abort_in = Stage.REPORT  # ordered while the answer is being stored
+        deadline = time.monotonic() + 20.0
+        while not (over() and "hold" in scene.drone.calls) and time.monotonic() < deadline:
+            threading.Event().wait(0.001)
+        holds_before.append("hold" in scene.drone.calls)
+        scene.notes.kept.append(over())
+
+    scene.notes.keep = keep  # type: ignore[method-assign]
+    with pytest.raises(Aborted):
+        scene.run()
+    assert len(scene.notes.answers) == 1
+    assert holds_before == [True]
+    assert scene.notes.kept == ["aborted by the operator"], "the end was told before the work had ended"
+
+
+def test_an_answer_is_told_in_the_flights_own_loop_and_stored_in_another() -> None:
+    scene = Scene()
+    told: list[threading.Thread] = []
+    scene.notes.located = lambda *_: told.append(threading.current_thread())  # type: ignore[method-assign]
+    scene.notes.keep = lambda *_: told.append(threading.current_thread())  # type: ignore[method-assign]
+    scene.run()
+    loop, other = told
+    assert loop is threading.current_thread()
+    assert other is not loop
 
 
 def test_a_refused_order_flies_nothing_and_gives_the_reason() -> None:
