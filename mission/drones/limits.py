@@ -33,7 +33,7 @@ class FlightSettings:
     max_turn_rad: float = math.radians(8.0)
     """The heading may differ from what its own rate explains by this much within half a second."""
     max_tracking_error_m: float = 1.5
-    """The vehicle may be this far from its setpoint."""
+    """The vehicle may be this far from where its setpoints of the last second were."""
     measured_margin_m: float = 1.5
     """The measured position may leave the bounds by this much: overrun and the estimator's own steps."""
     fence_margin_m: float = 2.0

@@ -22,6 +22,9 @@ _GAP_S = 1.0
 """Motion across a longer gap in the reports is not judged."""
 _FAULT_FOR_S = 0.5
 _OFF_FOR_S = 0.2
+_LAG_S = 1.0
+"""How late a vehicle may be on its path: PX4 was measured 2.1 m behind a setpoint that moves at 2 m/s, and 0.9 m beside
+where that had been within the last second."""
 _NEAR_M = 1.0
 _PATIENCE_S = 4.0
 
@@ -44,6 +47,7 @@ class MotionWatch:
         self._drifts: deque[tuple[float, Vector]] = deque()
         self._twist_rad = 0.0
         self._twists: deque[tuple[float, float]] = deque()
+        self._targets: deque[tuple[float, Vector]] = deque()
         self._settled = False
         self._fault_since_s: float | None = None
         self._off_since_s: float | None = None
@@ -119,7 +123,11 @@ class MotionWatch:
         if local is None:
             return None
         speed_m_s = float(np.linalg.norm(local.velocity_ned_m_s))
-        off_m = float(np.linalg.norm(local.position_ned_m - target.position_ned_m))
+        self._targets.append((now_s, target.position_ned_m))
+        while now_s - self._targets[0][0] > _LAG_S:
+            self._targets.popleft()
+        places = np.array([place for _, place in self._targets])
+        off_m = float(np.linalg.norm(places - local.position_ned_m, axis=1).min())
         near = off_m < _NEAR_M and speed_m_s < max_speed_m_s
         self._settled = self._settled or near or now_s - self._began_s > _PATIENCE_S
         if not self._settled:

@@ -20,6 +20,7 @@ _BUFFER = 1 << 20
 
 Towards = Literal["vehicle", "program"]
 Tap = Callable[[float, Towards, bytes], None]
+Drop = Callable[[Towards, bytes], bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +71,7 @@ class FaultRelay:
         self._rng = np.random.default_rng(seed)
         self._lock = threading.Lock()
         self._faults: dict[Towards, LinkFaults] = {"vehicle": LinkFaults(), "program": LinkFaults()}
+        self._drop: Drop = _nothing
         self._waiting: list[tuple[float, int, Towards, bytes]] = []
         self._count = 0
         self._vehicle = _udp(vehicle_port)
@@ -95,6 +97,10 @@ class FaultRelay:
         with self._lock:
             for direction in ("vehicle", "program") if towards is None else (towards,):
                 self._faults[direction] = faults
+
+    def drop_when(self, drop: Drop) -> None:
+        """From now on lose the datagrams to which this answers True; called in the relay's threads."""
+        self._drop = drop
 
     def inject(self, data: bytes, towards: Towards) -> None:
         """Send bytes as if they had come from the other side, with no fault added."""
@@ -128,7 +134,7 @@ class FaultRelay:
             faults = self._faults[towards]
             lost, doubled, held, damaged = (float(u) for u in self._rng.random(4))
             bit = int(self._rng.integers(0, 8 * max(1, len(data))))
-        if faults.cut or lost < faults.loss:
+        if faults.cut or lost < faults.loss or self._drop(towards, data):
             self.lost[towards] += 1
             return
         if damaged < faults.corrupt and data:
@@ -169,6 +175,11 @@ class FaultRelay:
             _log.debug("relay to the %s: %s", towards, error)
             return
         self.passed[towards] += 1
+
+
+def _nothing(towards: Towards, data: bytes) -> bool:
+    del towards, data
+    return False
 
 
 def _udp(port: int) -> socket.socket:

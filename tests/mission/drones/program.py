@@ -64,6 +64,8 @@ class Program:
             self._order, self._then = self._drone.hover(), path(*values)
         elif word == "hover":
             self._order, self._then = self._drone.hover(), None
+        elif word == "hold":
+            self._order, self._then = self._drone.hold(), None
         elif word == "state":
             say(connected=self._drone.telemetry().connected, mode=self._drone.telemetry().mode)
         elif word == "silent":

@@ -15,7 +15,7 @@ from mission.drones.drone import Bounds, Knot, OrderState, Path
 from mission.drones.limits import FlightSettings
 from mission.drones.motion_watch import MotionWatch
 from mission.drones.path_follower import Setpoint
-from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState
+from mission.drones.vehicle import VEHICLE_MESSAGES, LocalState, VehicleState
 from mission.records import Vector
 from tests.mission.drones.fake_vehicle import TICK_S, FakeVehicle
 from tests.mission.tlog import ARDUCOPTER, PX4, messages
@@ -153,6 +153,18 @@ def test_a_step_while_it_turns_and_while_reports_are_lost_is_seen() -> None:
         _jump(chaser, 0.0, 0.0, math.radians(40.0))
         chaser.run(0.1)
         assert chaser.state_of(order) is OrderState.ENDED
+
+
+def test_a_vehicle_that_is_late_on_its_path_is_not_off_it() -> None:
+    """A real PX4 is 2 m behind a setpoint that moves at 2 m/s."""
+    state = FakeVehicle("px4").airborne().state
+    watch = MotionWatch(FlightSettings(), 200.0)
+    for i in range(200):
+        now_s = 200.0 + 0.02 * i
+        target = Setpoint(np.array([2.0 * 0.02 * i, 0.0, -3.0]), np.array([2.0, 0.0, 0.0]))
+        here = np.array([max(0.0, 2.0 * (0.02 * i - 0.95)), 0.0, -3.0])
+        state.local = LocalState(now_s, here, np.array([2.0, 0.0, 0.0]), now_s)
+        assert watch.step(state, target, LIMIT_M_S, now_s) is None
 
 
 def test_a_vehicle_that_is_too_fast_or_too_far_off_is_stopped() -> None:
