@@ -163,7 +163,8 @@ def test_a_vehicle_that_is_late_on_its_path_is_not_off_it() -> None:
         now_s = 200.0 + 0.02 * i
         target = Setpoint(np.array([2.0 * 0.02 * i, 0.0, -3.0]), np.array([2.0, 0.0, 0.0]))
         here = np.array([max(0.0, 2.0 * (0.02 * i - 0.95)), 0.0, -3.0])
-        state.local = LocalState(now_s, here, np.array([2.0, 0.0, 0.0]), now_s)
+        velocity = np.array([2.0 if here[0] > 0.0 else 0.0, 0.0, 0.0])
+        state.local = LocalState(now_s, here, velocity, now_s)
         assert watch.step(state, target, LIMIT_M_S, now_s) is None
 
 
