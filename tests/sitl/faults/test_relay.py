@@ -117,3 +117,9 @@ def test_the_tap_tells_setpoints_mode_orders_and_modes_with_their_times(ends: En
     assert ends.tap.setpoints_s(since_s=ordered_s) == []
     ends.tap.clear()
     assert ends.tap.mode_orders() == []
+
+
+def test_chosen_datagrams_are_lost_and_no_others(ends: Ends) -> None:
+    ends.relay.drop_when(lambda towards, data: towards == "program" and data[0] % 2 == 1)
+    assert ends.send(10) == [0, 2, 4, 6, 8]
+    assert ends.relay.lost["program"] == 5
