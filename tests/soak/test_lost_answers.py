@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.soak, pytest.mark.timeout(1800)]
 
 ALL = 1_000_000
 LOST = (1, 2, ALL)
-RUNS = 4
+RUNS = 17
 """For each of the orders, lost answers and autopilots: 204 flights."""
 WATCH_S = 1.6
 _LOW_M = 4.0
