@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import unicodedata
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
@@ -13,7 +14,7 @@ from gcs_plugin.kml import to_kml
 from gcs_plugin.outline import ellipse_rings, flat_position
 
 # A spreadsheet runs a cell that begins so as a formula; notes and names come from outside.
-_FORMULA_STARTS: Final = ("=", "+", "-", "@", "\t", "\r")
+_FORMULA_STARTS: Final = ("=", "+", "-", "@")
 _COLUMNS: Final = [column for column in COLUMNS if column.name != "picture"]
 
 
@@ -70,4 +71,14 @@ FORMATS: Final[Mapping[str, Callable[[Iterable[Geotag]], str]]] = {
 
 
 def _harmless(cell: Cell) -> Cell:
-    return f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA_STARTS) else cell
+    return f"'{cell}" if isinstance(cell, str) and _may_be_a_formula(cell) else cell
+
+
+def _may_be_a_formula(text: str) -> bool:
+    """Whether a spreadsheet may run it: blanks, marks and signs that nobody sees before the first letter do not help.
+
+    Several strip them before they look; and where full-width signs are written, those begin a formula, too.
+    """
+    plain = unicodedata.normalize("NFKC", text)
+    seen = next((i for i, c in enumerate(plain) if unicodedata.category(c)[0] not in "ZC"), len(plain))
+    return plain[seen:].startswith(_FORMULA_STARTS) or text.startswith(("\t", "\r"))

@@ -118,5 +118,7 @@ def _element(parent: ET.Element, tag: str, text: str | None = None) -> ET.Elemen
 
 
 def _in_xml(character: str) -> bool:
-    """Whether XML 1.0 can hold it: neither a control character nor half a surrogate pair."""
-    return character in "\t\n" or (character >= " " and not "\ud800" <= character <= "\udfff")
+    """Whether XML 1.0 can hold it (production 2, Char): no control character, half a surrogate pair, U+FFFE, U+FFFF."""
+    return character in "\t\n" or (
+        character >= " " and not "\ud800" <= character <= "\udfff" and character not in "\ufffe\uffff"
+    )

@@ -23,6 +23,8 @@ PARAM_TOLERANCE: Final = 1e-5
 PATIENCE_S: Final = 60.0
 """All four transfers of the plan together take no longer: meanwhile no station can read or write it."""
 _TRANSFERS: Final = 4
+_HIGHEST_M: Final = 1e5
+"""No height; above it single precision has no centimetres."""
 # The "_INT" twins of the frames mean the same in MISSION_ITEM_INT; PX4 answers with them.
 _PLAIN_FRAME: Final = {
     mavlink.MAV_FRAME_GLOBAL_INT: mavlink.MAV_FRAME_GLOBAL,
@@ -166,7 +168,7 @@ class _Plans:
         """Items as they must be sent to be kept as they were read.
 
         ArduPilot reports a height of 159 cm as 1.5899999 m and cuts the centimetres off what it is sent: 158 of them.
-        Sent with a third of a centimetre more, it keeps 159.
+        Sent the next larger number in single precision, it keeps 159.
         """
         if not self._ardupilot:
             return tuple(items)
@@ -174,10 +176,17 @@ class _Plans:
 
 
 def _uncut(height_m: float) -> float:
-    centimetres = round(height_m * 100.0) if math.isfinite(height_m) else 0
+    """The height itself or, where its centimetres would be cut to one less, the next number of which they are not."""
+    if not math.isfinite(height_m) or abs(height_m) > _HIGHEST_M:
+        return height_m
+    centimetres = round(height_m * 100.0)
     if abs(height_m * 100.0 - centimetres) > 0.01:  # not kept in centimetres
         return height_m
-    return (centimetres + math.copysign(1.0 / 3.0, centimetres)) / 100.0 if centimetres else height_m
+    sent = np.float32(height_m)
+    away = np.float32(math.copysign(math.inf, centimetres))
+    while abs(int(sent * np.float32(100.0))) < abs(centimetres):  # AP_Mission.cpp, in single precision
+        sent = np.nextafter(sent, away)
+    return float(sent)
 
 
 def _is_place(item: MissionItem) -> bool:

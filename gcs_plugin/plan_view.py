@@ -6,7 +6,7 @@ import io
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,6 +20,7 @@ from mission.camera.model import CameraModel
 from mission.geodesy import ce90_m, enu_to_geodetic, error_ellipse, le90_m
 from mission.records import Estimate, FlightSightings, Matrix, Vector
 
+Form = Literal["png", "pdf", "svg"]
 RAYS: Final = 24
 """Rays drawn at most."""
 MIN_SPAN_M: Final = 6.0
@@ -37,6 +38,7 @@ def plan_view(
     truth_track: Matrix | None = None,
     geodetic: bool = True,
     size_px: tuple[int, int] = (1500, 1050),
+    form: Form = "png",
 ) -> bytes:
     """Draw an answer.
 
@@ -46,10 +48,11 @@ def plan_view(
         drone_track: rows of time, east, north, up; the positions of the sightings without it.
         truth_track: where the target really was, likewise; its last row belongs to the last sighting.
         geodetic: whether the flight's origin is a real place, so that coordinates mean something.
-        size_px: width and height.
+        size_px: width and height, at 150 pixels an inch.
+        form: what to make.
 
     Returns:
-        A PNG.
+        The file's content.
 
     Raises:
         ValueError: the flight has no sightings.
@@ -79,9 +82,9 @@ def plan_view(
     _north_arrow(side)
     _panel(side, flight, estimate, truth_track, geodetic)
     figure.text(0.075, 0.945, _shortened(f"Sidestep {flight.id}", 60), fontsize=13, color=INK, weight="bold")
-    png = io.BytesIO()
-    figure.savefig(png, format="png")
-    return png.getvalue()
+    content = io.BytesIO()
+    figure.savefig(content, format=form)
+    return content.getvalue()
 
 
 def _rays(flight: FlightSightings, estimate: Estimate) -> list[tuple[Vector, Vector]]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 import numpy as np
 import typer
 
 from gcs_plugin.durable import write_whole
-from gcs_plugin.plan_view import plan_view
+from gcs_plugin.plan_view import Form, plan_view
 from mission.errors import SettingsError, SightingsFormatError
 from mission.estimate import ESTIMATORS
 from mission.estimate.sightings_file import FlightProblem, read_flights
@@ -26,16 +26,34 @@ def register(app: typer.Typer) -> None:
         truth: Annotated[
             Path | None, typer.Option(help="CSV of where the target really was: t_s, east_m, north_m, up_m.")
         ] = None,
-        output: Annotated[Path | None, typer.Option(help="The picture; plan.png in the folder without it.")] = None,
+        output: Annotated[
+            Path | None, typer.Option(help="The picture, .png, .pdf or .svg; plan.png in the folder without it.")
+        ] = None,
     ) -> None:
         """Draw the plan view of a flight again, from its sightings."""
+        path = output or folder / "plan.png"
+        form = form_of(path)
         flight = next(read_flights(folder / "sightings.jsonl"), None)
         if flight is None or isinstance(flight, FlightProblem):
             why = "it is empty" if flight is None else flight.message
             raise SightingsFormatError(f"no flight in {folder / 'sightings.jsonl'}: {why}")
         estimate = ESTIMATORS["batch"].estimate(flight)
         track = None if truth is None else read_track(truth)
-        write_whole(output or folder / "plan.png", plan_view(flight, estimate, truth_track=track))
+        write_whole(path, plan_view(flight, estimate, truth_track=track, form=form))
+        typer.echo(f"drawn: {path}")
+
+
+def form_of(path: Path) -> Form:
+    """The form of picture that a file's name asks for.
+
+    Raises:
+        SettingsError: it asks for another one.
+    """
+    suffix = path.suffix.lower().removeprefix(".")
+    for form in get_args(Form):
+        if suffix == form:
+            return form  # type: ignore[no-any-return]  # one of the literals
+    raise SettingsError(f"no plan view can be drawn as {path.name}", f"Name it .{', .'.join(get_args(Form))}.")
 
 
 def read_track(path: Path) -> Matrix:

@@ -30,11 +30,11 @@ def export(
     if not log.is_file():
         raise SettingsError(f"There is no geotag log {log}", "Check the path; `sidestep locate` prints it.")
     try:
-        geotags = read_geotags(log)
+        geotags = read_geotags(log, told=lambda text: typer.echo(text, err=True))
     except AnswerError as error:
         raise SettingsError(error.cause, "Name a log that Sidestep wrote.") from error
-    text = FORMATS[to.value](geotags)
+    content = FORMATS[to.value](geotags).encode("utf-8")  # what all three formats are in, whatever the terminal's is
     if output is None:
-        typer.echo(text, nl=False)
+        typer.echo(content, nl=False)
     else:
-        write_whole(output, text.encode("utf-8"))
+        write_whole(output, content)

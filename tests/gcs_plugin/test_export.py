@@ -96,6 +96,37 @@ def test_a_text_that_a_spreadsheet_would_run_is_made_harmless() -> None:
     assert float(row["velocity_north_m_s"]) == 0.0
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        " =1+1",
+        "\n=1",
+        "\t=1",
+        "\ufeff=1+1",
+        "\u00a0\u200b@SUM(1)",
+        "\x00-1",
+        "＝1+1",
+        " \ufeff+1",
+        "\tplain",
+        "\rplain",
+    ],
+)
+def test_what_nobody_sees_before_a_formula_does_not_hide_it(text: str) -> None:
+    tag = geotag()
+    nasty = replace(tag, provenance=replace(tag.provenance, choice=text))
+    (row,) = csv.DictReader(io.StringIO(to_csv([nasty]), newline=""))
+    assert row["choice"] == f"'{text}"
+
+
+@pytest.mark.parametrize("text", ["a=b", "the operator's box", " plain", "", "ü=1"])
+def test_other_texts_stay_as_they_are(text: str) -> None:
+    tag = geotag()
+    (row,) = csv.DictReader(
+        io.StringIO(to_csv([replace(tag, provenance=replace(tag.provenance, choice=text))]), newline="")
+    )
+    assert row["choice"] == text
+
+
 def test_an_empty_log_gives_an_empty_collection_and_a_header() -> None:
     assert json.loads(to_geojson([])) == {"type": "FeatureCollection", "features": []}
     assert len(to_csv([]).splitlines()) == 1

@@ -74,7 +74,7 @@ def test_the_picture_is_in_the_balloon() -> None:
 
 
 def test_texts_from_outside_cannot_break_the_file_or_the_balloon() -> None:
-    tag = replace(geotag(), notes=("</table><script>alert(1)</script> & ]]> \x00\x1b\ud7ff",))
+    tag = replace(geotag(), notes=("</table><script>alert(1)</script> & ]]> \x00\x1b\ud7ff \ufffe\uffff\ud800.",))
     tag = replace(tag, provenance=replace(tag.provenance, flight_id="<b>&amp;"))
     description = parse(tag).findtext(".//k:description", namespaces=KML) or ""
     assert "<script>" not in description

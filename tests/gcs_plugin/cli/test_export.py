@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import sqlite3
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -61,3 +66,29 @@ def test_an_unknown_format_is_refused_with_the_choices(app: typer.Typer, log: Pa
     result = CliRunner().invoke(app, ["export", str(log), "--format", "shape"])
     assert result.exit_code == 2
     assert "geojson" in result.output
+
+
+@pytest.mark.parametrize("name", ["geojson", "kml", "csv"])
+def test_a_terminal_that_knows_only_ascii_gets_utf8_all_the_same(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "log.gpkg"
+    GeotagLog(path).append(replace(geotag(), notes=("Größe, 位置",)))
+    run = subprocess.run(
+        [sys.executable, "-m", "gcs_plugin", "export", str(path), "--format", name],
+        env={**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        timeout=120,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert "Größe" in run.stdout.decode("utf-8")
+
+
+def test_a_row_that_is_no_geotag_is_told_beside_the_export(app: typer.Typer, log: Path) -> None:
+    GeotagLog(log).append(geotag("b"))
+    with sqlite3.connect(log) as connection:
+        connection.execute("UPDATE geotags SET lat_deg = 'north' WHERE fid = 1")
+    connection.close()
+    shown = CliRunner().invoke(app, ["export", str(log), "--format", "csv"])
+    assert shown.exit_code == 0
+    assert [line.split(",")[1] for line in shown.stdout.splitlines()] == ["id", "b"]
+    assert "row 1 of the geotag log" in shown.stderr
