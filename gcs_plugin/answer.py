@@ -251,7 +251,7 @@ class Answer:
         self._write_answer()
 
     def _not_logged(self, tag: Geotag, why: str, kept: str) -> None:
-        self._tell("geotag", f"target {tag.number} is not logged: {why}{kept}")
+        self._tell("geotag", f"target {tag.number} is not logged: {why.rstrip('.')}{kept}")
         if self._texts is not None:
             self._texts.send(f"sidestep: target {tag.number} not logged: {why}")
 

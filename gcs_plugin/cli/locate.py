@@ -174,7 +174,10 @@ def _print(console: Console, located: Located, answer: Answer, folder: FlightFol
         table.add_row("place", f"{tag.place.lat_deg:.7f}, {tag.place.lon_deg:.7f}")
         table.add_row("altitude", f"{tag.place.alt_m:.1f} m above {tag.place.datum}")
         table.add_row("CE90 / LE90", f"{tag.ce90_m:.2f} m / {tag.le90_m:.2f} m")
-        table.add_row("geotag", f"number {tag.number} in {folder.path.parent / 'geotags.gpkg'}")
+        outcome = answer.outcome
+        waits = f"; it waits in {outcome.log}" if outcome.log else ""
+        where = f"in {outcome.log}" if outcome.logged else f"NOT LOGGED: {outcome.not_logged.rstrip('.')}{waits}"
+        table.add_row("geotag", f"number {tag.number} {where}")
     else:
         east, north, up = estimate.position_enu_m
         table.add_row(
