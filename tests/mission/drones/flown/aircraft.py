@@ -15,7 +15,7 @@ import numpy as np
 
 from mission.drones.drone import Bounds, DroneEvent, Knot, Order, OrderState, Path
 from mission.drones.make import AnyDrone, make_drone
-from mission.records import Vector
+from mission.records import Pose, Vector
 from sitl.ardrone import ArdroneConfig, ArdroneProcess, start_ardrone
 from sitl.autopilot.config import FlavourName
 from sitl.faults import LinkFaults
@@ -111,12 +111,30 @@ class Flown(ABC):
         assert given.state is OrderState.DONE, given.reason
 
     def on_its_way(self, path: Path = OUT_AND_BACK) -> Order:
-        """Take control and fly a path; returns when it moves."""
-        self.hovers()
-        order = self.drone.fly(path)
-        self.until(lambda: self.speed_m_s() > 0.4 or order.state in FINAL, 10.0)
+        """Take control and fly a path; returns when it moves. Again where the machine had no time for us."""
+        for _ in range(3):
+            self.hovers()
+            order = self.drone.fly(path)
+            self.until(lambda given=order: self.speed_m_s() > 0.4 or given.state in FINAL, 10.0)  # type: ignore[misc]
+            if order.state not in FINAL or not any(reason in order.reason for reason in STARVED):
+                break
+            warnings.warn(f"flown again, since the machine had no time: {order.reason}", stacklevel=2)
+            self.until(lambda: self.drone.telemetry().position_ok, 10.0)
         assert order.state not in FINAL, order.reason
         return order
+
+    def pose_before(self, seconds: float) -> Pose:
+        """A pose that lies so far back, as soon as telemetry without a gap gives one."""
+        found: list[Pose] = []
+
+        def given() -> bool:
+            pose = self.drone.pose_at(time.monotonic() - seconds)
+            if pose is not None:
+                found.append(pose)
+            return pose is not None
+
+        self.until(given, 10.0)
+        return found[0]
 
     def place(self) -> Vector:
         """True position."""

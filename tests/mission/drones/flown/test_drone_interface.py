@@ -79,8 +79,7 @@ def test_turns_to_a_heading_and_then_follows_the_aim(fleet: Fleet) -> None:
     def check(flown: Flown) -> None:
         flown.hovers()
         flown.done(lambda: flown.drone.turn_to(1.0))
-        pose = flown.drone.pose_at(time.monotonic() - 0.1)
-        assert pose is not None
+        pose = flown.pose_before(0.1)
         assert abs(heading(pose.world_from_body_wxyz) - 1.0) < math.radians(6.0)
         flown.drone.aim(0.7)
 
@@ -90,11 +89,13 @@ def test_turns_to_a_heading_and_then_follows_the_aim(fleet: Fleet) -> None:
 
         flown.until(aimed, 6.0)
 
-    each(fleet.all, check)
+    for flown in fleet.all:
+        check(flown)
 
 
 def test_flies_a_path_with_its_heading_kept_and_reports_where_it_was(fleet: Fleet) -> None:
-    each(fleet.all, _flies_out_and_back)
+    for flown in fleet.all:  # one after another: a gap in the telemetry would be the machine's, not the aircraft's
+        _flies_out_and_back(flown)
 
 
 def _flies_out_and_back(flown: Flown) -> None:
@@ -152,9 +153,8 @@ def test_a_pose_is_only_given_where_there_is_one(fleet: Fleet) -> None:
         now = time.monotonic()
         assert flown.drone.pose_at(now + 1.0) is None
         assert flown.drone.pose_at(now - 3600.0) is None
-        pose = flown.drone.pose_at(now - 0.2)
-        assert pose is not None
-        assert pose.t_s == now - 0.2
+        pose = flown.pose_before(0.2)
+        assert now - 0.2 <= pose.t_s <= time.monotonic() - 0.2
         assert np.linalg.eigvalsh(pose.position_covariance_m2).min() > 0.0
         assert np.linalg.eigvalsh(pose.attitude_covariance_rad2).min() > 0.0
 
