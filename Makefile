@@ -1,3 +1,4 @@
+# The tests run beside each other, one process a core; those that fly in real time run alone, after the others.
 # make demo: set everything up and locate a simulated walking person.   make test: the tests.   make lint: style and types.
 PYTHON ?= python3
 VENV   ?= .venv
@@ -16,7 +17,8 @@ demo: $(VENV)/installed
 	$(BIN)/sidestep sitl sitl/scenarios/demo.toml --report reports/demo
 
 test: $(VENV)/installed
-	$(BIN)/python -m pytest --cov --cov-report=term:skip-covered
+	$(BIN)/python -m pytest -n auto -m 'not flight and not soak' --cov --cov-report=
+	$(BIN)/python -m pytest -m 'flight and not soak' --cov --cov-append --cov-report=term:skip-covered
 
 lint: $(VENV)/installed
 	$(BIN)/ruff format --check .

@@ -15,7 +15,8 @@ import numpy as np
 
 from mission.drones.drone import Bounds, DroneEvent, Knot, Order, OrderState, Path
 from mission.drones.make import AnyDrone, make_drone
-from mission.records import Pose, Vector
+from mission.pose import Pose
+from mission.records import Vector
 from sitl.ardrone import ArdroneConfig, ArdroneProcess, start_ardrone
 from sitl.autopilot.config import FlavourName
 from sitl.faults import LinkFaults
