@@ -17,7 +17,7 @@ demo: $(VENV)/installed
 	$(BIN)/sidestep sitl sitl/scenarios/demo.toml --report reports/demo
 
 test: $(VENV)/installed
-	$(BIN)/python -m pytest -n auto -m 'not flight and not soak' --cov --cov-report=
+	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not flight and not soak' --cov --cov-report=
 	$(BIN)/python -m pytest -m 'flight and not soak' --cov --cov-append --cov-report=term:skip-covered
 
 lint: $(VENV)/installed

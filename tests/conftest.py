@@ -1,4 +1,4 @@
-"""One thread for each process: tests run beside each other, and threads that wait for each other cost more than they bring."""
+"""One thread for each process: tests run beside each other, and threads would wait for each other."""
 
 from __future__ import annotations
 

@@ -21,6 +21,9 @@ from sitl.camera.airframe import flies_sideways, level_world_from_body_wxyz
 from sitl.scenario import parse_scenario
 from sitl.truth import TruthRing, VehicleTruth
 
+pytestmark = pytest.mark.flight
+"""A camera in real time wants the machine for itself."""
+
 SCENARIO = parse_scenario(
     """
 name = "a"
