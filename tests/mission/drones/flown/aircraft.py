@@ -20,7 +20,7 @@ from mission.records import Vector
 from sitl.ardrone import ArdroneConfig, ArdroneProcess, start_ardrone
 from sitl.autopilot.config import FlavourName
 from sitl.faults import LinkFaults
-from sitl.truth import TruthRing
+from sitl.truth import TruthRing, VehicleTruth
 from tests.mission.drones.ardrone.bad_wifi import BadWifi
 from tests.mission.drones.fault_bench import NOT_YET, FaultBench, fault_bench
 
@@ -137,17 +137,19 @@ class Flown(ABC):
         self.until(given, 10.0)
         return found[0]
 
-    def place(self) -> Vector:
-        """True position."""
+    def truth(self) -> VehicleTruth:
+        """The newest, with the time at which it held."""
         newest = self.ring.newest()
         assert newest is not None
-        return np.array(newest.position_enu_m)
+        return newest
+
+    def place(self) -> Vector:
+        """True position."""
+        return np.array(self.truth().position_enu_m)
 
     def speed_m_s(self) -> float:
         """True speed."""
-        newest = self.ring.newest()
-        assert newest is not None
-        return float(np.linalg.norm(newest.velocity_enu_m_s))
+        return float(np.linalg.norm(self.truth().velocity_enu_m_s))
 
     def comes_to_rest(self, timeout_s: float = 8.0) -> bool:
         """Whether it stands still in the air within a time, with nobody who flies it."""

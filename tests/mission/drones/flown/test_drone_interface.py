@@ -94,8 +94,9 @@ def test_turns_to_a_heading_and_then_follows_the_aim(fleet: Fleet) -> None:
 
 
 def test_flies_a_path_with_its_heading_kept_and_reports_where_it_was(fleet: Fleet) -> None:
-    for flown in fleet.all:  # one after another: a gap in the telemetry would be the machine's, not the aircraft's
-        _flies_out_and_back(flown)
+    # One after another: a gap in the telemetry would be the machine's, not the aircraft's.
+    for flown in fleet.all:
+        each([flown], _flies_out_and_back)
 
 
 def _flies_out_and_back(flown: Flown) -> None:
@@ -109,7 +110,8 @@ def _flies_out_and_back(flown: Flown) -> None:
         order = flown.drone.fly(OUT_AND_BACK)
 
         def over() -> bool:
-            track.append((time.monotonic(), flown.place()))
+            truth = flown.truth()
+            track.append((truth.t_s, np.array(truth.position_enu_m)))
             return order.state in FINAL
 
         flown.until(over, 15.0)
