@@ -84,8 +84,9 @@ class MavProxy:
         return len(list(Path(f"/proc/{self.process.pid}/task").iterdir()))
 
     def files(self) -> set[str]:
-        """Its open files and sockets."""
-        return {os.readlink(link) for link in Path(f"/proc/{self.process.pid}/fd").iterdir()}
+        """Its open files and sockets, but for the database that PROJ opens once and keeps."""
+        found = {os.readlink(link) for link in Path(f"/proc/{self.process.pid}/fd").iterdir()}
+        return {name for name in found if not name.endswith("/proj.db")}
 
     def children(self) -> set[int]:
         """Processes whose parent it is."""

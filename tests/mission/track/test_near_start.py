@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -25,6 +26,7 @@ from sitl.simulation import camera_of
 NEAR = Path(sitl.__file__).parent / "scenarios" / "ardrone" / "stationary-2-75.toml"
 
 
+@cache
 def picture(
     seed: int, tilt_rad: tuple[float, float], aside_rad: float, height_m: float, back_m: float = 0.0
 ) -> tuple[Image, PersonView]:
