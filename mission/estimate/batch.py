@@ -1,198 +1,162 @@
-"""The default estimator: maximum a posteriori over all sightings, target and camera errors jointly.
+"""The default estimator: the posterior mean over every way in which people move and autopilots err.
 
-From several starts (`starts.py`) the joint model (`joint_model.py`) is minimised by Gauss-Newton; wrong sightings
-are taken out (`wrong_sightings.py`); the covariance is the inverse of the information at the minimum with everything
-but the target eliminated. Same input, same answer, bit for bit.
+Wrong sightings are taken out first, at the most probable state of a target that may turn at any moment
+(`constant_velocity.most_probable` with a generous white-noise acceleration). What is left is averaged over range,
+motion, pose and noise (`averaged.py`). Same input, same answer, bit for bit.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mission.errors import EstimateRefused
 from mission.estimate.arrow import NotPositiveDefinite
-from mission.estimate.gauss_newton import Minimum, minimise
-from mission.estimate.joint_model import WHITE, BorderPrior, JointModel
+from mission.estimate.averaged import Averaged, averaged
+from mission.estimate.constant_velocity import most_probable
+from mission.estimate.marginal import MarginalModel
+from mission.estimate.motion_hypotheses import MotionKind
 from mission.estimate.observations import Observations, observe, tamed_noise, tamed_prior
-from mission.estimate.posterior import to_estimate
-from mission.estimate.starts import Start, Starts, find_starts, meets_behind
-from mission.estimate.wrong_sightings import PIXEL_LIMIT, SIZE_LIMIT, blunder_scores, plausible, worst
-from mission.records import Estimate, FlightSightings, Vector
+from mission.estimate.posterior import HOPELESS, POOR
+from mission.estimate.size_prior import SizePrior, size_priors
+from mission.estimate.target_covariance import TargetMoments, in_open_world
+from mission.records import Estimate, FirstPosition, FlightSightings, Vector
 
-_RIVAL = 12.0
-"""A start whose cost is this much above the best one's (as a share of it, or absolutely) is not tried."""
-_ROUNDS = 12
-_READMISSIONS = 3
-_MAJORITY = 0.55
-"""Share of the sightings that must fit a target."""
-_SUSPICIOUS = 2.0
-"""A chi-square this many times its degrees of freedom is not noise."""
+_GENEROUS_PSD: Final = 0.3
+"""White-noise acceleration under which a sighting that does not fit is somebody else, m2/s3."""
+_LEAST_TRAVEL_M: Final = 1e-6
+_MISSTATED: Final = 1.6
+"""A factor of the stated noise beyond this, or one over it, is told."""
+_CONTRADICTED: Final = 0.1
+"""A stated height whose probability falls below this is contradicted by the picture."""
+_NAMES: Final[dict[MotionKind, str]] = {
+    "steady": "a steady walk or standing",
+    "wandering": "wandering",
+    "turning": "a turn, stop or start",
+    "weaving": "weaving",
+    "posture": "a change of posture",
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Maximum a posteriori over all sightings (see the module)."""
+    """Posterior mean and covariance over everything that is unknown (see the module)."""
 
     name: str = "batch"
 
     def estimate(self, flight: FlightSightings) -> Estimate:
         """See `Estimator.estimate`."""
-        seen = observe(flight)
-        if len(seen.t_s) < 3:
-            raise EstimateRefused(
-                f"{len(seen.t_s)} usable sightings are too few", "Keep the target in view for three sightings or more."
-            )
-        flight = replace(flight, noise=tamed_noise(flight.noise), prior=tamed_prior(flight.prior))
-        try:
-            with np.errstate(all="ignore"):  # what overflows ends as a singular matrix, and that is refused
-                return to_estimate(flight, *most_probable(flight, seen))
-        except (NotPositiveDefinite, np.linalg.LinAlgError):
-            raise EstimateRefused(
-                "The sightings do not determine a position", "Fly further sideways, and keep the target in view."
-            ) from None
+        return estimate_together((flight,))
 
 
-def most_probable(
-    flight: FlightSightings, seen: Observations, carried: BorderPrior | None = None
-) -> tuple[JointModel, Minimum]:
-    """The lowest minimum that the starts lead to, over the sightings that fit it.
+def estimate_together(flights: Sequence[FlightSightings]) -> Estimate:
+    """One estimate from one flight's sightings, or from several passes that continue each other.
 
     Args:
-        flight: its noise model and prior are used.
-        seen: its observations, three at least.
-        carried: what earlier flights say, in place of the prior; one more place to start from.
+        flights: passes in time order, in the same local frame and on the same clock; noise and prior are the last one's,
+            and first position and time those of the last one's first sighting.
 
     Raises:
-        EstimateRefused: no start leads anywhere, or the sightings contradict each other.
+        EstimateRefused: the sightings do not determine a position; it says why and what would help.
+    """
+    last = flights[-1]
+    flight = replace(
+        last,
+        sightings=tuple(s for f in flights for s in f.sightings),
+        noise=tamed_noise(last.noise),
+        prior=tamed_prior(last.prior),
+    )
+    seen = observe(flight)
+    if len(seen.t_s) < 3:
+        raise EstimateRefused(
+            f"{len(seen.t_s)} usable sightings are too few", "Keep the target in view for three sightings or more."
+        )
+    try:
+        with np.errstate(all="ignore"):  # what overflows ends as a singular matrix, and that is refused
+            kept, chi2, freedom = _plausible(flight, seen)
+            model = MarginalModel(kept, flight.noise, flight.prior, size_priors(flight.prior))
+            found = averaged(model)
+    except (NotPositiveDefinite, np.linalg.LinAlgError, FloatingPointError):
+        raise EstimateRefused(
+            "The sightings do not determine a position", "Fly further sideways, and keep the target in view."
+        ) from None
+    camera = model.camera_m[0]
+    relative = _relative_depth_sigma(found.moments, camera)
+    if not np.isfinite(found.moments.covariance).all() or not np.isfinite(found.moments.mean).all():
+        raise EstimateRefused(
+            "The sightings do not determine a position", "Fly further sideways, and keep the target in view."
+        )
+    if not found.bounded:
+        raise _undetermined(
+            f"anything from {found.nearest_m:.1f} to {found.farthest_m:.1f} m and beyond explains the sightings"
+        )
+    if not relative < HOPELESS:
+        raise _undetermined(f"its 1-sigma is {100.0 * relative:.0f} % of it")
+    moments = in_open_world(found.moments, camera, flight.noise)
+    end = flight.sightings[-1].t_s
+    beyond = end - seen.start_s - float(kept.t_s[-1])  # not zero where the last sightings were rejected
+    to_end = np.eye(6)
+    to_end[:3, 3:] = beyond * np.eye(3)
+    velocity = moments.mean[6:]
+    return Estimate(
+        id=last.id,
+        method="batch",
+        model=max(found.motions, key=lambda kind: found.motions[kind]),
+        t_s=end,
+        position_enu_m=seen.reference_m + moments.mean[3:6] + beyond * velocity,
+        velocity_enu_m_s=velocity,
+        covariance=to_end @ moments.last_covariance @ to_end.T,
+        first=FirstPosition(flight.sightings[0].t_s, seen.reference_m + moments.mean[:3], moments.first_covariance),
+        depth_m=float(np.hypot(*(moments.mean[:2] - camera[:2]))),
+        sightings=len(flight.sightings),
+        rejected=len(flight.sightings) - len(kept.t_s),
+        chi2=chi2,
+        dof=freedom,
+        notes=_notes(found, relative, model.sizes),
+    )
+
+
+def _plausible(flight: FlightSightings, seen: Observations) -> tuple[Observations, float, int]:
+    """The observations without somebody else's, chi-square of what is left, and its degrees of freedom.
+
+    Raises:
+        EstimateRefused: the sightings contradict each other, the camera did not move, or all lines of sight point back.
         NotPositiveDefinite: something is not observable.
     """
-    found = find_starts(seen, flight.noise, flight.prior) if carried is None else _carried_starts(flight, seen, carried)
-    kept = seen if found.right.all() and found.sized.all() else seen.only(found.right, found.sized)
-    best: tuple[JointModel, Minimum] | None = None
-    refused = EstimateRefused("No distance explains the sightings", "Check the camera's mounting.")
-    for start in found.starts:
-        if best is not None and start.cost > found.starts[0].cost + _RIVAL:
-            break
-        try:
-            candidate = _from_start(JointModel(kept, flight.noise, flight.prior, carried), start)
-        except EstimateRefused as error:
-            refused = error
-            continue
-        if best is None or _worth(candidate) < _worth(best):
-            best = candidate
-    if best is None:
-        raise refused
-    model, minimum = best
-    for _ in range(_READMISSIONS):
-        before = model.count
-        if before == len(seen.t_s):
-            break
-        model, minimum = _readmitted(seen, model, minimum)
-        if model.count <= before:
-            break
-    if model.count < _MAJORITY * len(seen.t_s):
-        if meets_behind(seen, flight.noise, flight.prior):
-            raise EstimateRefused(
-                "The lines of sight meet behind the camera",
-                "Check the camera's mounting, and that the quaternion is world_from_camera with w first.",
-            )
-        raise EstimateRefused(
-            "The sightings contradict each other: no single target explains most of them",
-            "Check that one and the same person was tracked, and the camera's calibration and mounting.",
-        )
-    return model, minimum
+    prior = replace(
+        flight.prior, acceleration_psd_m2_s3=max(_GENEROUS_PSD, flight.prior.acceleration_psd_m2_s3), height_m=None
+    )
+    model, minimum = most_probable(replace(flight, prior=prior), seen)
+    return model.seen, minimum.at.cost, model.freedom
 
 
-def _carried_starts(flight: FlightSightings, seen: Observations, carried: BorderPrior) -> Starts:
-    """The carried state as a start, and those of the sightings themselves where they have any."""
-    speed = np.array((*(flight.prior.speed_sigma_m_s,) * 2, flight.prior.vertical_speed_sigma_m_s))
-    every = np.ones(len(seen.t_s), dtype=bool)
-    try:
-        found = find_starts(seen, flight.noise, flight.prior)
-    except EstimateRefused:
-        found = Starts((), every, every)
-    cost = found.starts[0].cost if found.starts else 0.0
-    unjudged = np.zeros((2, len(every)))
-    known = Start(carried.mean[:3], carried.mean[3:6] * speed, float(carried.mean[6]), cost, unjudged[0], unjudged)
-    return Starts((known, *found.starts), found.right, found.sized)
+def _relative_depth_sigma(moments: TargetMoments, camera_m: Vector) -> float:
+    line = (moments.mean[:3] - camera_m)[:2]
+    depth2 = float(line @ line)
+    return float(np.sqrt(line @ moments.first_covariance[:2, :2] @ line)) / max(depth2, 1e-12)
 
 
-def _worth(candidate: tuple[JointModel, Minimum]) -> float:
-    """Cost, with what was taken out charged as if it had just failed: fewer sightings must not win by being fewer."""
-    model, minimum = candidate
-    return minimum.at.cost - PIXEL_LIMIT * model.count
+def _notes(found: Averaged, relative: float, sizes: Sequence[SizePrior]) -> tuple[str, ...]:
+    notes = []
+    if relative > POOR:
+        notes.append(f"poor geometry: the depth's 1-sigma is {100.0 * relative:.0f} % of it; fly out and back")
+    ranked = sorted(found.motions.items(), key=lambda item: -item[1])
+    shares = ", ".join(f"{_NAMES[kind]} {100.0 * share:.0f} %" for kind, share in ranked if share >= 0.005)
+    notes.append(f"the sightings support {shares}")
+    channels = (("bearings", found.factors.across), ("elevations", found.factors.up), ("heights", found.factors.size))
+    for name, factor in channels:
+        if factor > _MISSTATED or factor < 1.0 / _MISSTATED:
+            notes.append(f"the {name} scatter {factor:.1f} times as much as stated, which is taken into account")
+    if any(size.kind == "stated" for size in sizes) and found.heights.get("stated", 0.0) < _CONTRADICTED:
+        notes.append(f"the stated height is contradicted: the picture says {np.exp(found.log_height[0]):.2f} m")
+    return tuple(notes)
 
 
-def _from_start(model: JointModel, start: Start) -> tuple[JointModel, Minimum]:
-    """The minimum near a start, without blunders.
-
-    Where two steps leave far more chi-square than noise would, blunders are looked for at once, and the next round
-    begins at the start again: what does not fit would lead the minimisation astray. If that takes out too many, it was
-    the start that did not fit, and they are looked for at the minimum only.
-    """
-    whole = model
-    while model.count >= _MAJORITY * whole.count:
-        first = minimise(model, model.start(start.position_m, start.velocity_m_s, start.log_size), max_steps=2)
-        smaller = _less(model, first)[0] if first.at.cost > _SUSPICIOUS * model.freedom else None
-        if smaller is None:
-            return _without_blunders(model, _continued(model, first))
-        model = smaller
-    state = whole.start(start.position_m, start.velocity_m_s, start.log_size)
-    return _without_blunders(whole, minimise(whole, state))
-
-
-def _continued(model: JointModel, first: Minimum) -> Minimum:
-    return first if first.converged else minimise(model, first.at)
-
-
-def _less(model: JointModel, minimum: Minimum) -> tuple[JointModel | None, NDArray[np.intp]]:
-    """The model without the worst blunders, or None when there are none, and the rows that it kept."""
-    pixel, size = blunder_scores(model, minimum.at)
-    # A glitch in one channel spoils the other's scores, so only the worse of the two is looked at.
-    if pixel.max() / PIXEL_LIMIT >= size.max() / SIZE_LIMIT:
-        wrong, unsized = worst(pixel, PIXEL_LIMIT), np.zeros(model.count, dtype=bool)
-    else:
-        wrong, unsized = np.zeros(model.count, dtype=bool), worst(size, SIZE_LIMIT)
-    rows = np.flatnonzero(~wrong)
-    if not (wrong.any() or unsized.any()) or len(rows) < 3:
-        return None, rows
-    return model.over(model.seen.only(~wrong, ~unsized)), rows
-
-
-def _without_blunders(model: JointModel, minimum: Minimum) -> tuple[JointModel, Minimum]:
-    """Take out what does not fit, the worst first, until everything fits."""
-    for _ in range(_ROUNDS):
-        smaller, rows = _less(model, minimum)
-        if smaller is None:
-            break
-        minimum = minimise(smaller, smaller.adopt(model, minimum.at.state, rows))
-        model = smaller
-    return model, minimum
-
-
-def _readmitted(seen: Observations, model: JointModel, minimum: Minimum) -> tuple[JointModel, Minimum]:
-    """Take back what was found wrong too early: the start was rough, and the most probable state knows better."""
-    everything = model.over(seen)
-    state = everything.adopt(model, minimum.at.state, _nearest(model.seen.t_s, seen.t_s))
-    inside = np.isin(seen.index, model.seen.index)
-    state.chain[~inside, WHITE] = 0.0
-    at = everything.linearise(state)
-    if at is None:
-        return model, minimum
-    back = plausible(everything, at) & ~inside
-    if not back.any():
-        return model, minimum
-    kept = inside | back
-    larger = model.over(seen.only(kept))
-    return _without_blunders(larger, minimise(larger, larger.adopt(everything, state, np.flatnonzero(kept))))
-
-
-def _nearest(times_s: Vector, wanted_s: Vector) -> NDArray[np.intp]:
-    """For each wanted time the index of the nearest of some ascending times."""
-    after = np.searchsorted(times_s, wanted_s).clip(1, max(len(times_s) - 1, 1))
-    before = after - 1
-    after = after.clip(0, len(times_s) - 1)
-    return np.where(wanted_s - times_s[before] <= times_s[after] - wanted_s, before, after)
+def _undetermined(how: str) -> EstimateRefused:
+    return EstimateRefused(
+        f"The distance is not determined: {how}",
+        "Fly out and back, further sideways, with the camera kept on the target.",
+    )

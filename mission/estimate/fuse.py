@@ -25,7 +25,7 @@ import numpy as np
 
 from mission.errors import EstimateRefused
 from mission.estimate.arrow import NotPositiveDefinite
-from mission.estimate.batch import most_probable
+from mission.estimate.constant_velocity import most_probable
 from mission.estimate.gauss_newton import Minimum
 from mission.estimate.joint_model import BORDER, HEADING, SIZE, TILT, WALK, BorderPrior, JointModel
 from mission.estimate.observations import observe, tamed_noise, tamed_prior

@@ -24,7 +24,7 @@ import numpy as np
 
 from mission.errors import EstimateRefused
 from mission.estimate.arrow import NotPositiveDefinite
-from mission.estimate.batch import most_probable
+from mission.estimate.constant_velocity import most_probable
 from mission.estimate.gauss_newton import Minimum
 from mission.estimate.joint_model import JointModel, State
 from mission.estimate.noise_likelihood import (

@@ -1,0 +1,323 @@
+"""Marginal likelihood of a flight's sightings over the range and everything else: what the default estimator averages.
+
+Given the range at the first sighting (`range_model.py`), a motion hypothesis (`motion_hypotheses.py`) and how bad the
+pose is, all other unknowns are linear and normal, so that they are integrated out exactly:
+
+    y = X b + U L e + errors,   errors ~ N(0, S),   e ~ N(0, I),   b ~ N(b0, P^-1)
+    -2 log p(y) = y' S~^-1 y - ... + log det S + log det (I + L' U' S^-1 U L) + log det (X' S~^-1 X + P) - log det P
+
+(Rasmussen & Williams 2.7). A mode of the joint density would put the target too near, since all deviations from a
+steady walk are smaller there; the determinants are what they cost (46 % at 0.1 m2/s3). The deviation is written in the
+few modes that carry it, so that one Cholesky decomposition per range and pose serves all hypotheses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.estimate.camera_path import smoothed_path
+from mission.estimate.kernels import exponential, integrated_random_walk
+from mission.estimate.knots import Knots, knots
+from mission.estimate.motion_hypotheses import SPEEDS, Hypothesis, motion_hypotheses
+from mission.estimate.observations import Observations
+from mission.estimate.range_model import COLUMNS, HEADING, RISE, SIZE, SPEED, TILT, Linearised, RangeModel
+from mission.estimate.size_prior import SizePrior
+from mission.records import Matrix, NoiseModel, TargetPrior, Vector
+
+_MODES = 10
+_MOST_MODES = 18
+_MODE_S = 0.6
+"""One mode for each of this many seconds, ten at least."""
+_VERTICAL_PSD = 2e-4
+"""Of the vertical velocity's random walk, m2/s3: kerbs, slopes."""
+_LEAN_RAD, _LEAN_S = 0.03, 1.0
+"""People lean, which changes the height seen from above by its tangent."""
+_SMOOTHED = 2
+"""Sightings on either side in the running median."""
+_FLAT = 1e-9
+_LEAST_BIAS_RAD = 1e-6
+_LEAST_SPEED_M_S = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Factors:
+    """What the stated sigmas are multiplied by: bearing across and up, size, and pose."""
+
+    across: float = 1.0
+    up: float = 1.0
+    size: float = 1.0
+    pose: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """Of ranges R, hypotheses H and variants V of the prior (speed times height)."""
+
+    log: Matrix
+    """(R, H, V), log marginal likelihood times prior, up to a constant."""
+    design: Matrix
+    """(R, H, V, 8), conditional mean of the design's unknowns."""
+    covariance: Matrix
+    """(R, H, V, 8, 8)."""
+    modes: Matrix
+    """(R, H, c, 9): mean of the modes is `modes[..., 8] - modes[..., :8] @ design`."""
+    modes_covariance: Matrix
+    """(R, H, c, c), given the design's unknowns."""
+
+
+class MarginalModel:
+    """One flight's evidence.
+
+    Args:
+        seen: its observations, three at least, the camera moving.
+        noise: stated.
+        prior: stated; its height is in `sizes`.
+        sizes: what is believed of the log height beforehand, alternatives with their probabilities.
+    """
+
+    def __init__(
+        self, seen: Observations, noise: NoiseModel, prior: TargetPrior, sizes: Sequence[SizePrior]
+    ) -> None:
+        self.seen, self.noise, self.prior = seen, noise, prior
+        t = seen.t_s
+        self.knots: Knots = knots(seen)
+        self.camera_m, path = smoothed_path(t, seen.camera_m, noise, self.knots)
+        self.hypotheses: tuple[Hypothesis, ...] = motion_hypotheses(t, self.knots.bearing, prior)
+        postures = [h.posture for h in self.hypotheses if h.posture is not None]
+        self.geometry = RangeModel(seen, self.knots, self.camera_m, np.array(postures).reshape(len(postures), len(t)))
+        self.span_s = float(t[-1])
+        keep = np.ones((len(self.knots.t_s), 3), dtype=bool)
+        keep[:, 2] = self.knots.sized
+        self._keep = keep.reshape(-1)
+        self._path = path
+        averaged = self.knots.averaged
+        self._heading = noise.heading_sigma_rad**2 * averaged(exponential(t, noise.heading_correlation_s))
+        self._tilt = noise.tilt_sigma_rad**2 * averaged(exponential(t, noise.tilt_correlation_s))
+        self._vertical = _VERTICAL_PSD * averaged(integrated_random_walk(t, t))
+        pixel = exponential(t, noise.pixel_correlation_s)
+        across = self.geometry.along / seen.scale[:, 0, 0]
+        up = self.geometry.along / seen.scale[:, 1, 1]
+        size = np.divide(1.0, seen.size_scale, out=np.zeros_like(seen.size_scale), where=seen.size_scale > 0.0)
+        self._channels = (
+            averaged(across[:, None] * pixel * across),
+            averaged(up[:, None] * pixel * up),
+            self.knots.size @ (size[:, None] * exponential(t, noise.size_correlation_s) * size) @ self.knots.size.T,
+        )
+        self._lean = _LEAN_RAD**2 * exponential(self.knots.t_s, _LEAN_S)
+        self._modes, self.end, self._roots, self.end_rest = self._mode_basis()
+        self.sizes = tuple(sizes)
+        self.variants = [(factor, share, size) for factor, share in SPEEDS for size in self.sizes]
+
+    def linearised(self, ranges_m: Vector) -> Linearised:
+        """About the most probable path for each range (R,), for a walker who may well wander."""
+        path = ranges_m[:, None, None] * (self._relative_range()[:, None] * self._sight())[None]
+        for _ in range(2):
+            path = self._improved(self.geometry.linearised(ranges_m, path))
+        return self.geometry.linearised(ranges_m, path)
+
+    def evidence(self, lines: Linearised, factors: Factors, wanted: NDArray[np.intp]) -> Evidence:
+        """Of some hypotheses (indices `wanted`) at all ranges."""
+        gram, log_det = self._whitened(lines, factors)
+        return self._averaged(lines, gram, log_det, factors, wanted)
+
+    def _whitened(self, lines: Linearised, factors: Factors) -> tuple[Matrix, Vector]:
+        """Products S^-1 of modes, postures, design and residual with each other, (R, m, m), and log det S (R,)."""
+        factor = np.linalg.cholesky(self._errors(lines, factors))
+        half = np.linalg.solve(factor, self._columns(lines))
+        gram: Matrix = np.swapaxes(half, 1, 2) @ half
+        return gram, 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+
+    def _columns(self, lines: Linearised) -> Matrix:
+        """(R, kept rows, modes east, modes north, postures, design, residual)."""
+        place = lines.by_place[..., :2].reshape(len(lines.ranges_m), -1, 3, 2)
+        modes = np.einsum("rkcj,km->rkcjm", place, self._modes)
+        rows = 3 * len(self.knots.t_s)
+        east, north = modes[..., 0, :], modes[..., 1, :]
+        flat = (len(lines.ranges_m), rows, self._modes.shape[1])
+        columns = (
+            east.reshape(flat),
+            north.reshape(flat),
+            lines.by_posture,
+            lines.design,
+            lines.residual[:, :, None],
+        )
+        return np.concatenate(columns, axis=2)[:, self._keep]
+
+    def _errors(self, lines: Linearised, factors: Factors) -> Matrix:
+        """Covariance (R, kept rows, kept rows) of everything but the target's motion."""
+        place = lines.by_place
+        pose = (place @ np.swapaxes(place, 1, 2)) * _spread(self._path)
+        pose += lines.by_heading[:, :, None] * lines.by_heading[:, None, :] * _spread(self._heading)
+        pose += lines.by_tilt[:, :, None] * lines.by_tilt[:, None, :] * _spread(self._tilt)
+        pose *= factors.pose**2
+        pose += place[..., 2:] @ np.swapaxes(place[..., 2:], 1, 2) * _spread(self._vertical)
+        across, up, size = self._channels
+        pose[:, 0::3, 0::3] += factors.across**2 * across
+        pose[:, 1::3, 1::3] += factors.up**2 * up
+        lean = lines.steepness[:, :, None] * lines.steepness[:, None, :] * self._lean
+        pose[:, 2::3, 2::3] += factors.size**2 * size + lean
+        rows = np.arange(pose.shape[1])
+        pose[:, rows, rows] += _FLAT
+        return pose[:, self._keep][:, :, self._keep]
+
+    def _averaged(
+        self, lines: Linearised, gram: Matrix, log_det: Vector, factors: Factors, wanted: NDArray[np.intp]
+    ) -> Evidence:
+        modes, postures = self._modes.shape[1], lines.by_posture.shape[2]
+        rest = 2 * modes + postures  # where the design begins
+        ranges = len(lines.ranges_m)
+        loaded = np.empty((ranges, len(wanted), 2 * modes + 1, COLUMNS + 1))
+        inner = np.empty((ranges, len(wanted), 2 * modes + 1, 2 * modes + 1))
+        posture = 0
+        number = {}
+        for place, hypothesis in enumerate(self.hypotheses):
+            number[place] = posture if hypothesis.posture is not None else 0
+            posture += hypothesis.posture is not None
+        for row, which in enumerate(wanted):
+            extra = 2 * modes + number[int(which)] if postures else 0
+            rows = np.array([*range(2 * modes), extra])
+            root = self._roots[which]
+            part = gram[:, rows]
+            inner[:, row] = root.T @ part[:, :, rows] @ root
+            loaded[:, row] = root.T @ part[:, :, rest:]
+        inner[..., np.arange(2 * modes + 1), np.arange(2 * modes + 1)] += 1.0
+        inner_factor = np.linalg.cholesky(inner)
+        log_det_inner = 2.0 * np.log(np.diagonal(inner_factor, axis1=2, axis2=3)).sum(axis=2)
+        solved = np.linalg.solve(inner, loaded)
+        reduced = gram[:, None, rest:, rest:] - np.swapaxes(loaded, 2, 3) @ solved
+        roots = self._roots[wanted]
+        log, design, covariance = [], [], []
+        base = np.array([self.hypotheses[int(which)].log_prior for which in wanted])
+        base = base - 0.5 * (log_det[:, None] + log_det_inner + reduced[..., COLUMNS, COLUMNS])
+        base = base - 2.0 * np.log(lines.ranges_m)[:, None]
+        for speed, share, size in self.variants:
+            information, pull, constant = self._prior(lines, speed, size, factors)
+            posterior = reduced[..., :COLUMNS, :COLUMNS] + information[:, None]
+            right = reduced[..., :COLUMNS, COLUMNS] + pull[:, None]
+            factor = np.linalg.cholesky(posterior)
+            mean = np.linalg.solve(posterior, right[..., None])[..., 0]
+            gained = 0.5 * (right * mean).sum(axis=2) - np.log(np.diagonal(factor, axis1=2, axis2=3)).sum(axis=2)
+            log.append(base + gained + constant[:, None] + math.log(share) + size.log_share)
+            design.append(mean)
+            covariance.append(posterior)
+        inverse = np.linalg.inv(np.stack(covariance, axis=2))
+        return Evidence(
+            np.stack(log, axis=2),
+            np.stack(design, axis=2),
+            inverse,
+            roots[None] @ solved,
+            roots[None] @ np.linalg.solve(inner, np.broadcast_to(np.swapaxes(roots, 1, 2), inner.shape)),
+        )
+
+    def _prior(
+        self, lines: Linearised, speed_factor: float, size: SizePrior, factors: Factors
+    ) -> tuple[Matrix, Matrix, Vector]:
+        """Information (R, 8, 8), information times mean (R, 8), and log of what it adds to the evidence (R,)."""
+        noise, prior = self.noise, self.prior
+        ranges = len(lines.ranges_m)
+        speed = max(speed_factor * prior.speed_sigma_m_s, _LEAST_SPEED_M_S)
+        climb = max(prior.vertical_speed_sigma_m_s, _LEAST_SPEED_M_S)
+        diagonal = np.zeros(COLUMNS)
+        diagonal[SPEED] = speed**-2, speed**-2, climb**-2
+        diagonal[HEADING] = max(factors.pose * noise.heading_bias_sigma_rad, _LEAST_BIAS_RAD) ** -2
+        diagonal[TILT] = max(factors.pose * noise.tilt_bias_sigma_rad, _LEAST_BIAS_RAD) ** -2
+        diagonal[SIZE] = size.sigma**-2
+        information = np.tile(np.diag(diagonal), (ranges, 1, 1))
+        pull = np.zeros((ranges, COLUMNS))
+        pull[:, SIZE] = size.mean * diagonal[SIZE]
+        constant = 0.5 * np.log(diagonal[diagonal > 0.0]).sum() - 0.5 * size.mean**2 * diagonal[SIZE]
+        constants = np.full(ranges, constant)
+        if prior.ground_up_m is not None:
+            sigma = max(prior.ground_sigma_m or 0.0, 1e-3)
+            known = prior.ground_up_m + prior.centre_above_ground_m - float(self.seen.reference_m[2])
+            left = known - lines.ranges_m * lines.axes[:, 0, 2]
+            rise = lines.axes[:, 2, 2]
+            information[:, RISE, RISE] += (rise / sigma) ** 2
+            pull[:, RISE] += rise * left / sigma**2
+            constants = constants - 0.5 * (left / sigma) ** 2
+        return information, pull, constants
+
+    def _mode_basis(self) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+        """Modes at the knots (k, m) and the end (2, m), each hypothesis' root (H, 2 m + 1, 2 m + 1) in them and the
+        posture, and what the modes leave of the end's covariance (H, 2, 2)."""
+        places = np.array([h.place for h in self.hypotheses])
+        scale = np.array([max(float(np.trace(p)), 1e-12) for p in places])
+        shape = (places / scale[:, None, None]).mean(axis=0)
+        values, vectors = np.linalg.eigh(shape)
+        count = min(len(values), int(np.clip(self.span_s / _MODE_S, _MODES, _MOST_MODES)))
+        basis = vectors[:, ::-1][:, :count]
+        inside = np.einsum("im,hij,jn->hmn", basis, places, basis)
+        end = basis[-2:]
+        rest = places[:, -2:, -2:] - np.einsum("im,hmn,jn->hij", end, inside, end)
+        axes, vectors_h = np.linalg.eigh(0.5 * (inside + np.swapaxes(inside, 1, 2)))
+        root = vectors_h * np.sqrt(np.maximum(axes, 0.0))[:, None, :]
+        roots = np.zeros((len(places), 2 * count + 1, 2 * count + 1))
+        roots[:, :count, :count] = root
+        roots[:, count : 2 * count, count : 2 * count] = root
+        roots[:, -1, -1] = [h.posture_sigma for h in self.hypotheses]
+        return basis[:-2], end, roots, rest
+
+    def _improved(self, lines: Linearised) -> Matrix:
+        """The most probable path for each range under the hypothesis of a wandering walker, (R, n, 3)."""
+        usual = min(3, len(self.hypotheses) - 1)
+        gram, _ = self._whitened(lines, Factors())
+        modes, postures = self._modes.shape[1], lines.by_posture.shape[2]
+        rows = np.array([*range(2 * modes), *range(2 * modes + postures, gram.shape[1])])
+        gram = gram[:, rows][:, :, rows]
+        root = self._roots[usual][: 2 * modes, : 2 * modes]
+        whole = np.zeros((2 * modes + COLUMNS, 2 * modes + COLUMNS))
+        whole[: 2 * modes, : 2 * modes] = root
+        whole[2 * modes :, 2 * modes :] = np.eye(COLUMNS)
+        normal = whole.T @ gram[:, :-1, :-1] @ whole
+        places = np.arange(2 * modes)
+        normal[:, places, places] += 1.0
+        information, _, _ = self._prior(lines, 2.5, SizePrior.unknown(), Factors())
+        normal[:, 2 * modes :, 2 * modes :] += information
+        found = (whole @ np.linalg.solve(normal, whole.T @ gram[:, :-1, -1:]))[..., 0]
+        design = found[:, 2 * modes :]
+        axes = lines.axes
+        start = lines.ranges_m[:, None] * axes[:, 0] + design[:, :1] * axes[:, 1] + design[:, 1:2] * axes[:, 2]
+        t = self.seen.t_s
+        target = start[:, None] + t[None, :, None] * design[:, None, SPEED]
+        wander = np.stack((found[:, :modes] @ self._modes.T, found[:, modes : 2 * modes] @ self._modes.T), axis=2)
+        for axis in range(2):
+            for r in range(len(target)):
+                target[r, :, axis] += np.interp(t, self.knots.t_s, wander[r, :, axis])
+        return _held(target - self.camera_m, lines)
+
+    def _sight(self) -> Matrix:
+        """Directions to the target, (n, 3)."""
+        return self.geometry.rays
+
+    def _relative_range(self) -> Vector:
+        """Distance over the first one, by the apparent heights (a running median and mean of their logarithms), (n,)."""
+        t, sized = self.seen.t_s, self.seen.size_scale > 0.0
+        if int(sized.sum()) < 5:
+            return np.ones(len(t))
+        heights = self.seen.measured[sized, 2]
+        near = np.arange(len(heights))[:, None] + np.arange(-_SMOOTHED, _SMOOTHED + 1)
+        near = near.clip(0, len(heights) - 1)
+        smooth = np.median(heights[near], axis=1)[near].mean(axis=1)
+        filled = np.interp(t, t[sized], smooth)
+        return np.asarray(np.exp(np.clip(filled[0] - filled, -3.5, 3.5)))
+
+
+def _held(path: Matrix, lines: Linearised) -> Matrix:
+    """The improved path, its first range held, no step of the range larger than a factor of two, never behind."""
+    before = np.linalg.norm(lines.path_m, axis=2, keepdims=True)
+    far = np.linalg.norm(path, axis=2, keepdims=True)
+    ahead = np.einsum("rnj,rnj->rn", path, lines.path_m)[..., None] > 0.3 * before * before
+    stepped = path / np.maximum(far, 1e-9) * (before * np.clip(far / before, 0.5, 2.0))
+    path = np.where(ahead, stepped, lines.path_m)
+    first = np.linalg.norm(path[:, :1], axis=2, keepdims=True)
+    return np.asarray(path * (lines.ranges_m[:, None, None] / first))
+
+
+def _spread(kernel: Matrix) -> Matrix:
+    """A kernel (k, k) of the knots for the rows (3 k, 3 k)."""
+    return np.repeat(np.repeat(kernel, 3, axis=0), 3, axis=1)
