@@ -11,8 +11,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mission.estimate.marginal import Evidence, Factors, MarginalModel
+from mission.estimate.marginal import Evidence, Factors, MarginalModel, Nodes
 from mission.estimate.motion_hypotheses import MotionKind
 from mission.estimate.range_model import COLUMNS, RISE, SIDE, SIZE, SPEED, Linearised
 from mission.estimate.target_covariance import TargetMoments
@@ -28,8 +29,10 @@ _UNLIKELY = 7.0
 """The same of a hypothesis."""
 _REFINEMENTS = 4
 _NEGLIGIBLE = 1e-5
-_TRIED = np.log([0.4, 0.55, 0.75, 1.0, 1.35, 1.8, 2.5, 3.5])
-"""Logarithms of factors of the stated noise."""
+_TRIED, _TRIED_AGAIN = np.log([0.45, 0.67, 1.0, 1.5, 2.25, 3.4]), np.log([0.8, 1.0, 1.25])
+"""Logarithms of factors of the stated noise, first and about what was found then."""
+_DISMISSED = 14.0
+"""How far below the best a node's log evidence may be."""
 _NOISE_SPREAD = 0.5
 """Prior sigma of such a logarithm."""
 _HONESTY_SPREAD, _OWN_SPREAD, _FITTED_SPREAD = 0.4, 0.35, 0.16
@@ -71,47 +74,56 @@ def averaged(model: MarginalModel) -> Averaged:
     lines = model.linearised(ranges)
     rough = model.evidence(lines, Factors(), everything)
     factors, poses = _noise(model, lines, rough)
-    coarse = _over_poses(model, lines, factors, poses, everything)
-    by_range = _summed(coarse, (0, 2, 3))
-    inside = np.flatnonzero(by_range > by_range.max() - _WIDE)
+    coarse = model.evidence(lines, replace(factors, pose=poses[1][0]), everything)
+    inside = _inside(_by_range(model, coarse, factors))
     bounded = bool(inside[0] > 0 and inside[-1] < len(ranges) - 1)
-    by_motion = _summed(coarse, (0, 1, 3))
+    by_motion = _summed(coarse.log, (0,))
     likely = np.flatnonzero(by_motion > by_motion.max() - _UNLIKELY)
     for _ in range(_REFINEMENTS):
         low, high = ranges[max(inside[0] - 1, 0)], ranges[min(inside[-1] + 1, len(ranges) - 1)]
         ranges = np.geomspace(low, high, _FINE)
         lines = model.linearised(ranges)
-        fine = _over_poses(model, lines, factors, poses, likely)
-        by_range = _summed(fine, (0, 2, 3))
-        inside = np.flatnonzero(by_range > by_range.max() - _WIDE)
+        inside = _inside(_by_range(model, model.evidence(lines, replace(factors, pose=poses[1][0]), likely), factors))
         if len(inside) >= _FINE // 2 - 1:
             break
-    weights = np.exp(fine - fine.max())
-    weights /= weights.sum()
-    means, covariances, kept, sizes = [], [], [], []
-    for node, (factor, _) in enumerate(poses):
-        found = model.evidence(lines, replace(factors, pose=factor), likely)
-        for r, h, v in np.argwhere(weights[node] > _NEGLIGIBLE):
-            mean, covariance = _target(model, lines, found, int(r), int(h), int(v), int(likely[h]))
-            means.append(mean)
-            covariances.append(covariance)
-            kept.append(weights[node, r, h, v])
-            sizes.append((found.design[r, h, v, SIZE], found.covariance[r, h, v, SIZE, SIZE]))
-    share = np.array(kept) / np.sum(kept)
-    mean = share @ np.array(means)
-    spread = np.array(means) - mean
-    covariance = np.einsum("k,kij->ij", share, np.array(covariances)) + (spread * share[:, None]).T @ spread
-    size, variance = np.array(sizes).T
+    parts = []
+    for pose, share in poses:
+        found = model.evidence(lines, replace(factors, pose=pose), likely)
+        nodes = model.nodes(found, factors, _DISMISSED)
+        parts.append((found, nodes, nodes.log + math.log(share)))
+    top = max(float(log.max()) for _, _, log in parts)
+    means, covariances, kept, sizes, motion, variant, places = [], [], [], [], [], [], []
+    for found, nodes, log in parts:
+        weight = np.exp(log - top)
+        rows = np.flatnonzero(weight > _NEGLIGIBLE)
+        mean, covariance = _targets(model, lines, found, nodes, rows, likely)
+        means.append(mean)
+        covariances.append(covariance)
+        kept.append(weight[rows])
+        sizes.append(np.column_stack((nodes.design[rows, SIZE], nodes.covariance[rows, SIZE, SIZE])))
+        motion.append(likely[nodes.place[rows, 1]])
+        variant.append(nodes.variant[rows])
+        places.append(nodes.place[rows, 0])
+    share = np.concatenate(kept)
+    share /= share.sum()
+    target = np.concatenate(means)
+    mean = share @ target
+    spread = target - mean
+    covariance = np.einsum("k,kij->ij", share, np.concatenate(covariances)) + (spread * share[:, None]).T @ spread
+    size, variance = np.concatenate(sizes).T
     log_height = float(share @ size)
     log_height_sigma = math.sqrt(float(share @ (variance + np.square(size - log_height))))
-    near = ranges[by_range > by_range.max() - 2.0]
+    by_range = np.bincount(np.concatenate(places), share, len(ranges))
+    near = ranges[by_range > 0.13 * by_range.max()]
     motions: dict[MotionKind, float] = {}
-    for place, chance in zip(likely, weights.sum(axis=(0, 1, 3)), strict=True):
-        kind = model.hypotheses[int(place)].kind
-        motions[kind] = motions.get(kind, 0.0) + float(chance)
+    for place, chance in enumerate(np.bincount(np.concatenate(motion), share)):
+        if chance > 0.0:
+            kind = model.hypotheses[place].kind
+            motions[kind] = motions.get(kind, 0.0) + float(chance)
     heights: dict[str, float] = {}
-    for (_, _, size_prior), chance in zip(model.variants, weights.sum(axis=(0, 1, 2)), strict=True):
-        heights[size_prior.kind] = heights.get(size_prior.kind, 0.0) + float(chance)
+    for number, chance in enumerate(np.bincount(np.concatenate(variant), share)):
+        kind_of_height = model.variants[number].size.kind
+        heights[kind_of_height] = heights.get(kind_of_height, 0.0) + float(chance)
     return Averaged(
         TargetMoments(mean, covariance),
         bounded,
@@ -124,64 +136,69 @@ def averaged(model: MarginalModel) -> Averaged:
     )
 
 
+def _by_range(model: MarginalModel, found: Evidence, factors: Factors) -> Vector:
+    """Log evidence of each range, all variants of the prior taken together."""
+    nodes = model.nodes(found, factors, _DISMISSED)
+    weight = np.exp(nodes.log - nodes.log.max())
+    return np.asarray(np.log(np.bincount(nodes.place[:, 0], weight, len(found.log)) + 1e-300))
+
+
+def _inside(by_range: Vector) -> NDArray[np.intp]:
+    """The ranges that matter."""
+    return np.flatnonzero(by_range > by_range.max() - _WIDE)
+
+
 def _noise(model: MarginalModel, lines: Linearised, rough: Evidence) -> tuple[Factors, list[tuple[float, float]]]:
     """The factors of the stated noise, and the pose's factors with their probabilities."""
-    best_range, best_motion, _ = np.unravel_index(int(np.argmax(rough.log)), rough.log.shape)
+    best_range, best_motion = np.unravel_index(int(np.argmax(rough.log)), rough.log.shape)
     line = _only(lines, int(best_range))
     motion = np.array([best_motion])
     factors = Factors()
-    for _ in range(2):
-        for channel in ("across", "up", "size"):
+    sized = bool(model.knots.sized.any())
+    for tried in (_TRIED, _TRIED_AGAIN):
+        for channel in ("across", "up", "size") if sized else ("across", "up"):
+            logs = math.log(getattr(factors, channel)) + tried
             values = [
-                float(_summed(model.evidence(line, replace(factors, **{channel: math.exp(tried)}), motion).log, None))
-                - 0.5 * (tried / _NOISE_SPREAD) ** 2
-                for tried in _TRIED
+                float(model.evidence(line, replace(factors, **{channel: math.exp(log)}), motion).log[0, 0])
+                - 0.5 * (log / _NOISE_SPREAD) ** 2
+                for log in logs
             ]
-            factors = replace(factors, **{channel: math.exp(_vertex(_TRIED, np.array(values)))})
+            factors = replace(factors, **{channel: math.exp(_vertex(logs, np.array(values)))})
     # The common factor of a header's honesty, from the two channels that only the tracker disturbs.
-    told = [math.log(factors.up)] + ([math.log(factors.size)] if model.knots.sized.any() else [])
+    told = [math.log(factors.up)] + ([math.log(factors.size)] if sized else [])
     channel_variance = _OWN_SPREAD**2 + _FITTED_SPREAD**2
     precision = _HONESTY_SPREAD**-2 + len(told) / channel_variance
     middle = sum(told) / channel_variance / precision
     sigma = math.sqrt(1.0 / precision + _OWN_SPREAD**2)
+    factors = replace(factors, bias=math.exp(middle))
     return factors, [(math.exp(middle + sigma * node), share) for node, share in _POSES]
 
 
-def _over_poses(
-    model: MarginalModel, lines: Linearised, factors: Factors, poses: list[tuple[float, float]], wanted: Vector
-) -> Matrix:
-    """Log evidence (pose, range, hypothesis, variant)."""
-    return np.stack(
-        [
-            model.evidence(lines, replace(factors, pose=factor), wanted).log + math.log(share)
-            for factor, share in poses
-        ]
-    )
-
-
-def _target(
-    model: MarginalModel, lines: Linearised, found: Evidence, r: int, h: int, v: int, which: int
-) -> tuple[Vector, Matrix]:
-    """Mean (9,) and covariance (9, 9) of the target given one node, as in `TargetMoments`."""
-    axes, span = lines.axes[r], model.span_s
-    spread = np.zeros((9, COLUMNS))
-    spread[0:3, SIDE] = spread[3:6, SIDE] = axes[1]
-    spread[0:3, RISE] = spread[3:6, RISE] = axes[2]
-    spread[3:6, SPEED], spread[6:9, SPEED] = span * np.eye(3), np.eye(3)
-    modes = model.end.shape[1]
-    wander = np.zeros((9, 2 * modes + 1))
-    wander[[3, 6], :modes] = model.end
-    wander[[4, 7], modes : 2 * modes] = model.end
-    design, loads = found.design[r, h, v], found.modes[r, h]
-    mean = spread @ design + wander @ (loads[:, COLUMNS] - loads[:, :COLUMNS] @ design)
-    mean[:3] += lines.ranges_m[r] * axes[0]
-    mean[3:6] += lines.ranges_m[r] * axes[0]
-    both = spread - wander @ loads[:, :COLUMNS]
-    covariance = both @ found.covariance[r, h, v] @ both.T + wander @ found.modes_covariance[r, h] @ wander.T
-    rest = model.end_rest[which]
-    for axis in (0, 1):
-        rows = np.ix_((3 + axis, 6 + axis), (3 + axis, 6 + axis))
-        covariance[rows] += rest
+def _targets(
+    model: MarginalModel,
+    lines: Linearised,
+    found: Evidence,
+    nodes: Nodes,
+    rows: NDArray[np.intp],
+    likely: NDArray[np.intp],
+) -> tuple[Matrix, Matrix]:
+    """Means (m, 9) and covariances (m, 9, 9) of the target at some nodes, as in `TargetMoments`."""
+    r, h = nodes.place[rows].T
+    span, count = model.span_s, len(rows)
+    axes, which = lines.axes[r], likely[h]
+    spread = np.zeros((count, 9, COLUMNS))
+    spread[:, 0:3, SIDE] = spread[:, 3:6, SIDE] = axes[:, 1]
+    spread[:, 0:3, RISE] = spread[:, 3:6, RISE] = axes[:, 2]
+    spread[:, 3:6, SPEED], spread[:, 6:9, SPEED] = span * np.eye(3), np.eye(3)
+    wander = model.end_modes[which]
+    loads = wander @ found.modes[r, h]
+    both = spread - loads[..., :COLUMNS]
+    mean = (both @ nodes.design[rows][..., None])[..., 0] + loads[..., COLUMNS]
+    start = lines.ranges_m[r][:, None] * axes[:, 0]
+    mean[:, :3] += start
+    mean[:, 3:6] += start
+    covariance = both @ nodes.covariance[rows] @ np.swapaxes(both, 1, 2) + model.end_rest[which]
+    covariance += wander @ np.linalg.solve(found.inner[r, h], np.swapaxes(wander, 1, 2))
     return mean, covariance
 
 

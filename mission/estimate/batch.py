@@ -19,15 +19,18 @@ from mission.estimate.averaged import Averaged, averaged
 from mission.estimate.constant_velocity import most_probable
 from mission.estimate.marginal import MarginalModel
 from mission.estimate.motion_hypotheses import MotionKind
+from mission.estimate.noise_fit import rescaled
 from mission.estimate.observations import Observations, observe, tamed_noise, tamed_prior
 from mission.estimate.posterior import HOPELESS, POOR
 from mission.estimate.size_prior import SizePrior, size_priors
 from mission.estimate.target_covariance import TargetMoments, in_open_world
-from mission.records import Estimate, FirstPosition, FlightSightings, Vector
+from mission.records import Estimate, FirstPosition, FlightSightings, NoiseModel, Vector
 
 _GENEROUS_PSD: Final = 0.3
 """White-noise acceleration under which a sighting that does not fit is somebody else, m2/s3."""
-_LEAST_TRAVEL_M: Final = 1e-6
+_NOISIER: Final = (1.5, 3.0, 6.0)
+"""Factors of the stated noise under which sightings are judged, the next where too few are right under one."""
+_MOST_RIGHT: Final = 0.8
 _MISSTATED: Final = 1.6
 """A factor of the stated noise beyond this, or one over it, is told."""
 _CONTRADICTED: Final = 0.1
@@ -129,8 +132,32 @@ def _plausible(flight: FlightSightings, seen: Observations) -> tuple[Observation
     prior = replace(
         flight.prior, acceleration_psd_m2_s3=max(_GENEROUS_PSD, flight.prior.acceleration_psd_m2_s3), height_m=None
     )
-    model, minimum = most_probable(replace(flight, prior=prior), seen)
-    return model.seen, minimum.at.cost, model.freedom
+    for factor in _NOISIER:
+        # A header may understate its noise: many sightings that do not fit are then not somebody else.
+        louder = rescaled(replace(flight, prior=prior), _louder(flight.noise, factor))
+        try:
+            model, minimum = most_probable(louder, observe(louder))
+        except EstimateRefused:
+            if factor == _NOISIER[-1]:
+                raise
+            continue
+        if model.count >= _MOST_RIGHT * len(seen.t_s):
+            break
+    right = np.isin(seen.index, model.seen.index)
+    sized = np.ones(len(seen.t_s), dtype=bool)
+    sized[right] = model.has_size
+    return seen.only(right, sized[right]), minimum.at.cost, model.freedom
+
+
+def _louder(noise: NoiseModel, factor: float) -> NoiseModel:
+    """All that errs within a flight times a factor."""
+    return replace(
+        noise,
+        pixel_sigma_px=factor * noise.pixel_sigma_px,
+        size_sigma=factor * noise.size_sigma,
+        heading_sigma_rad=factor * noise.heading_sigma_rad,
+        tilt_sigma_rad=factor * noise.tilt_sigma_rad,
+    )
 
 
 def _relative_depth_sigma(moments: TargetMoments, camera_m: Vector) -> float:

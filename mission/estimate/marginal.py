@@ -16,15 +16,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from mission.estimate.camera_path import smoothed_path
 from mission.estimate.kernels import exponential, integrated_random_walk
 from mission.estimate.knots import Knots, knots
 from mission.estimate.motion_hypotheses import SPEEDS, Hypothesis, motion_hypotheses
-from mission.estimate.observations import Observations
+from mission.estimate.observations import LEAST_GROUND_SIGMA_M, Observations
 from mission.estimate.range_model import COLUMNS, HEADING, RISE, SIZE, SPEED, TILT, Linearised, RangeModel
 from mission.estimate.size_prior import SizePrior
 from mission.records import Matrix, NoiseModel, TargetPrior, Vector
@@ -40,34 +42,68 @@ _LEAN_RAD, _LEAN_S = 0.03, 1.0
 _SMOOTHED = 2
 """Sightings on either side in the running median."""
 _FLAT = 1e-9
+_COMPASS: Final = ((1.0, 0.75), (2.2, 0.25))
+"""A heading's bias stays unseen, so its stated sigma is multiplied by these, with these probabilities."""
 _LEAST_BIAS_RAD = 1e-6
 _LEAST_SPEED_M_S = 1e-3
+_VARIED: Final = (2, 3, SIZE, HEADING)
+"""Unknowns of the design whose prior has variants: speed east and north, log height, heading bias."""
 
 
 @dataclass(frozen=True, slots=True)
 class Factors:
-    """What the stated sigmas are multiplied by: bearing across and up, size, and pose."""
+    """What the stated sigmas are multiplied by: bearing across and up, size, pose, and the pose's constant biases."""
 
     across: float = 1.0
     up: float = 1.0
     size: float = 1.0
     pose: float = 1.0
+    bias: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """One alternative of what is believed of speed, heading bias and height."""
+
+    speed_factor: float
+    heading_factor: float
+    size: SizePrior
+    share: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """Of ranges R, hypotheses H and variants V of the prior (speed times height)."""
+    """Of R ranges and H hypotheses, under the widest variant of the prior."""
 
     log: Matrix
-    """(R, H, V), log marginal likelihood times prior, up to a constant."""
+    """(R, H), log marginal likelihood times the hypothesis' prior, up to a constant."""
     design: Matrix
-    """(R, H, V, 8), conditional mean of the design's unknowns."""
+    """(R, H, 8), mean of the design's unknowns."""
     covariance: Matrix
-    """(R, H, V, 8, 8)."""
+    """(R, H, 8, 8)."""
     modes: Matrix
-    """(R, H, c, 9): mean of the modes is `modes[..., 8] - modes[..., :8] @ design`."""
-    modes_covariance: Matrix
-    """(R, H, c, c), given the design's unknowns."""
+    """(R, H, c, 9), by the design's unknowns and a constant: mean of e is `modes[..., 8] - modes[..., :8] @ design`."""
+    inner: Matrix
+    """(R, H, c, c), information of e given the design's unknowns."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nodes:
+    """Single points of range, hypothesis and variant."""
+
+    log: Vector
+    """(n,), log evidence."""
+    place: NDArray[np.intp]
+    """(n, 2), range and hypothesis."""
+    variant: NDArray[np.intp]
+    """(n,)."""
+    design: Matrix
+    """(n, 8)."""
+    covariance: Matrix
+    """(n, 8, 8)."""
+
+
+_WIDEST: Final = Variant(SPEEDS[-1][0], _COMPASS[-1][0], SizePrior.unknown(), 1.0)
 
 
 class MarginalModel:
@@ -109,9 +145,14 @@ class MarginalModel:
             self.knots.size @ (size[:, None] * exponential(t, noise.size_correlation_s) * size) @ self.knots.size.T,
         )
         self._lean = _LEAN_RAD**2 * exponential(self.knots.t_s, _LEAN_S)
-        self._modes, self.end, self._roots, self.end_rest = self._mode_basis()
+        self._modes, self._roots, self.end_modes, self.end_rest = self._mode_basis()
         self.sizes = tuple(sizes)
-        self.variants = [(factor, share, size) for factor, share in SPEEDS for size in self.sizes]
+        self.variants = tuple(
+            Variant(speed, heading, size, share * heading_share * size.share)
+            for speed, share in SPEEDS
+            for heading, heading_share in _COMPASS
+            for size in self.sizes
+        )
 
     def linearised(self, ranges_m: Vector) -> Linearised:
         """About the most probable path for each range (R,), for a walker who may well wander."""
@@ -123,12 +164,13 @@ class MarginalModel:
     def evidence(self, lines: Linearised, factors: Factors, wanted: NDArray[np.intp]) -> Evidence:
         """Of some hypotheses (indices `wanted`) at all ranges."""
         gram, log_det = self._whitened(lines, factors)
-        return self._averaged(lines, gram, log_det, factors, wanted)
+        return self._integrated(lines, gram, log_det, factors, wanted)
 
     def _whitened(self, lines: Linearised, factors: Factors) -> tuple[Matrix, Vector]:
         """Products S^-1 of modes, postures, design and residual with each other, (R, m, m), and log det S (R,)."""
         factor = np.linalg.cholesky(self._errors(lines, factors))
-        half = np.linalg.solve(factor, self._columns(lines))
+        columns = self._columns(lines)
+        half = np.stack([lapack.dtrtrs(one.T, own, trans=1)[0] for one, own in zip(factor, columns, strict=True)])
         gram: Matrix = np.swapaxes(half, 1, 2) @ half
         return gram, 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
 
@@ -165,7 +207,7 @@ class MarginalModel:
         pose[:, rows, rows] += _FLAT
         return pose[:, self._keep][:, :, self._keep]
 
-    def _averaged(
+    def _integrated(
         self, lines: Linearised, gram: Matrix, log_det: Vector, factors: Factors, wanted: NDArray[np.intp]
     ) -> Evidence:
         modes, postures = self._modes.shape[1], lines.by_posture.shape[2]
@@ -186,54 +228,71 @@ class MarginalModel:
             inner[:, row] = root.T @ part[:, :, rows] @ root
             loaded[:, row] = root.T @ part[:, :, rest:]
         inner[..., np.arange(2 * modes + 1), np.arange(2 * modes + 1)] += 1.0
-        inner_factor = np.linalg.cholesky(inner)
-        log_det_inner = 2.0 * np.log(np.diagonal(inner_factor, axis1=2, axis2=3)).sum(axis=2)
         solved = np.linalg.solve(inner, loaded)
         reduced = gram[:, None, rest:, rest:] - np.swapaxes(loaded, 2, 3) @ solved
-        roots = self._roots[wanted]
-        log, design, covariance = [], [], []
-        base = np.array([self.hypotheses[int(which)].log_prior for which in wanted])
-        base = base - 0.5 * (log_det[:, None] + log_det_inner + reduced[..., COLUMNS, COLUMNS])
-        base = base - 2.0 * np.log(lines.ranges_m)[:, None]
-        for speed, share, size in self.variants:
-            information, pull, constant = self._prior(lines, speed, size, factors)
-            posterior = reduced[..., :COLUMNS, :COLUMNS] + information[:, None]
-            right = reduced[..., :COLUMNS, COLUMNS] + pull[:, None]
-            factor = np.linalg.cholesky(posterior)
-            mean = np.linalg.solve(posterior, right[..., None])[..., 0]
-            gained = 0.5 * (right * mean).sum(axis=2) - np.log(np.diagonal(factor, axis1=2, axis2=3)).sum(axis=2)
-            log.append(base + gained + constant[:, None] + math.log(share) + size.log_share)
-            design.append(mean)
-            covariance.append(posterior)
-        inverse = np.linalg.inv(np.stack(covariance, axis=2))
-        return Evidence(
-            np.stack(log, axis=2),
-            np.stack(design, axis=2),
-            inverse,
-            roots[None] @ solved,
-            roots[None] @ np.linalg.solve(inner, np.broadcast_to(np.swapaxes(roots, 1, 2), inner.shape)),
+        information, pull, constant = self._prior(lines, factors)
+        posterior = reduced[..., :COLUMNS, :COLUMNS] + information[:, None]
+        right = reduced[..., :COLUMNS, COLUMNS] + pull[:, None]
+        covariance = np.linalg.inv(posterior)
+        mean = (covariance @ right[..., None])[..., 0]
+        log = np.array([self.hypotheses[int(which)].log_prior for which in wanted]) + constant[:, None]
+        log = log - 0.5 * (log_det[:, None] + np.linalg.slogdet(inner)[1] + np.linalg.slogdet(posterior)[1])
+        log = log - 0.5 * (reduced[..., COLUMNS, COLUMNS] - (right * mean).sum(axis=2))
+        # The prior is uniform over directions and the logarithm of the range; across and up are in metres.
+        log = log - 2.0 * np.log(lines.ranges_m)[:, None]
+        return Evidence(np.where(np.isfinite(log), log, -np.inf), mean, covariance, solved, inner)
+
+    def nodes(self, found: Evidence, factors: Factors, below: float) -> Nodes:
+        """All variants of the prior at the ranges and hypotheses whose evidence is at most `below` under the best."""
+        place = np.argwhere(found.log > found.log.max() - below)
+        mean = found.design[place[:, 0], place[:, 1]]
+        covariance = found.covariance[place[:, 0], place[:, 1]]
+        own = covariance[:, list(_VARIED)][:, :, list(_VARIED)]
+        across = covariance[:, :, list(_VARIED)]
+        base = self._precision(_WIDEST, factors)
+        log, variants, means, covariances = [], [], [], []
+        for number, variant in enumerate(self.variants):
+            precision = self._precision(variant, factors)
+            added = precision - base
+            pull = np.zeros(len(_VARIED))
+            pull[2] = variant.size.mean * precision[2]
+            gradient = pull - added * mean[:, list(_VARIED)]
+            mixed = np.eye(len(_VARIED)) + added[:, None] * own
+            gain = across @ np.linalg.inv(mixed)
+            gained = 0.5 * (gradient * (own @ np.linalg.solve(mixed, gradient[..., None]))[..., 0]).sum(axis=1)
+            gained += mean[:, list(_VARIED)] @ pull - 0.5 * np.square(mean[:, list(_VARIED)]) @ added
+            gained += 0.5 * np.log(precision / base).sum() - 0.5 * pull[2] * variant.size.mean
+            gained -= 0.5 * np.linalg.slogdet(mixed)[1]
+            log.append(found.log[place[:, 0], place[:, 1]] + gained + math.log(variant.share))
+            variants.append(np.full(len(place), number))
+            means.append(mean + (gain @ gradient[..., None])[..., 0])
+            covariances.append(covariance - gain @ (added[:, None] * np.swapaxes(across, 1, 2)))
+        return Nodes(
+            np.concatenate(log),
+            np.tile(place, (len(self.variants), 1)),
+            np.concatenate(variants),
+            np.concatenate(means),
+            np.concatenate(covariances),
         )
 
-    def _prior(
-        self, lines: Linearised, speed_factor: float, size: SizePrior, factors: Factors
-    ) -> tuple[Matrix, Matrix, Vector]:
-        """Information (R, 8, 8), information times mean (R, 8), and log of what it adds to the evidence (R,)."""
-        noise, prior = self.noise, self.prior
-        ranges = len(lines.ranges_m)
-        speed = max(speed_factor * prior.speed_sigma_m_s, _LEAST_SPEED_M_S)
-        climb = max(prior.vertical_speed_sigma_m_s, _LEAST_SPEED_M_S)
+    def _precision(self, variant: Variant, factors: Factors) -> Vector:
+        """Of speed east and north, log height and heading bias under a variant, (4,)."""
+        speed = max(variant.speed_factor * self.prior.speed_sigma_m_s, _LEAST_SPEED_M_S)
+        heading = variant.heading_factor * factors.bias * self.noise.heading_bias_sigma_rad
+        return np.array((speed, speed, variant.size.sigma, max(heading, _LEAST_BIAS_RAD))) ** -2.0
+
+    def _prior(self, lines: Linearised, factors: Factors) -> tuple[Matrix, Matrix, Vector]:
+        """The widest variant's information (R, 8, 8), information times mean (R, 8), and log constant (R,)."""
+        prior, ranges = self.prior, len(lines.ranges_m)
         diagonal = np.zeros(COLUMNS)
-        diagonal[SPEED] = speed**-2, speed**-2, climb**-2
-        diagonal[HEADING] = max(factors.pose * noise.heading_bias_sigma_rad, _LEAST_BIAS_RAD) ** -2
-        diagonal[TILT] = max(factors.pose * noise.tilt_bias_sigma_rad, _LEAST_BIAS_RAD) ** -2
-        diagonal[SIZE] = size.sigma**-2
+        diagonal[list(_VARIED)] = self._precision(_WIDEST, factors)
+        diagonal[SPEED.stop - 1] = max(prior.vertical_speed_sigma_m_s, _LEAST_SPEED_M_S) ** -2.0
+        diagonal[TILT] = max(factors.bias * self.noise.tilt_bias_sigma_rad, _LEAST_BIAS_RAD) ** -2.0
         information = np.tile(np.diag(diagonal), (ranges, 1, 1))
         pull = np.zeros((ranges, COLUMNS))
-        pull[:, SIZE] = size.mean * diagonal[SIZE]
-        constant = 0.5 * np.log(diagonal[diagonal > 0.0]).sum() - 0.5 * size.mean**2 * diagonal[SIZE]
-        constants = np.full(ranges, constant)
+        constants = np.full(ranges, 0.5 * np.log(diagonal[diagonal > 0.0]).sum())
         if prior.ground_up_m is not None:
-            sigma = max(prior.ground_sigma_m or 0.0, 1e-3)
+            sigma = max(prior.ground_sigma_m or 0.0, LEAST_GROUND_SIGMA_M)
             known = prior.ground_up_m + prior.centre_above_ground_m - float(self.seen.reference_m[2])
             left = known - lines.ranges_m * lines.axes[:, 0, 2]
             rise = lines.axes[:, 2, 2]
@@ -243,8 +302,12 @@ class MarginalModel:
         return information, pull, constants
 
     def _mode_basis(self) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-        """Modes at the knots (k, m) and the end (2, m), each hypothesis' root (H, 2 m + 1, 2 m + 1) in them and the
-        posture, and what the modes leave of the end's covariance (H, 2, 2)."""
+        """The deviation's modes and what they say of the end.
+
+        Returns:
+            Modes at the knots (k, m); each hypothesis' root in them and the posture (H, 2 m + 1, 2 m + 1); by the modes the
+            nine numbers of `TargetMoments` (H, 9, 2 m + 1); and what the modes leave of those numbers' covariance (H, 9, 9).
+        """
         places = np.array([h.place for h in self.hypotheses])
         scale = np.array([max(float(np.trace(p)), 1e-12) for p in places])
         shape = (places / scale[:, None, None]).mean(axis=0)
@@ -260,7 +323,13 @@ class MarginalModel:
         roots[:, :count, :count] = root
         roots[:, count : 2 * count, count : 2 * count] = root
         roots[:, -1, -1] = [h.posture_sigma for h in self.hypotheses]
-        return basis[:-2], end, roots, rest
+        end_modes = np.zeros((9, 2 * count + 1))
+        end_rest = np.zeros((len(places), 9, 9))
+        for axis in range(2):
+            end_modes[[3 + axis, 6 + axis], axis * count : (axis + 1) * count] = end
+            rows = np.array((3 + axis, 6 + axis))
+            end_rest[:, rows[:, None], rows] = rest
+        return basis[:-2], roots, end_modes @ roots, end_rest
 
     def _improved(self, lines: Linearised) -> Matrix:
         """The most probable path for each range under the hypothesis of a wandering walker, (R, n, 3)."""
@@ -276,7 +345,7 @@ class MarginalModel:
         normal = whole.T @ gram[:, :-1, :-1] @ whole
         places = np.arange(2 * modes)
         normal[:, places, places] += 1.0
-        information, _, _ = self._prior(lines, 2.5, SizePrior.unknown(), Factors())
+        information, _, _ = self._prior(lines, Factors())
         normal[:, 2 * modes :, 2 * modes :] += information
         found = (whole @ np.linalg.solve(normal, whole.T @ gram[:, :-1, -1:]))[..., 0]
         design = found[:, 2 * modes :]

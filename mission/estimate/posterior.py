@@ -16,7 +16,7 @@ LOPSIDED = 0.05
 """A depth whose relative sigma is above this is not normally distributed: its whole profile is looked at."""
 POOR = 0.05
 """A depth whose relative sigma is above this is called poor."""
-HOPELESS = 0.7
+HOPELESS = 0.5
 """Above this there is no answer: the sightings say next to nothing about the distance."""
 
 

@@ -16,9 +16,9 @@ from mission.records import TargetPrior
 _UNKNOWN_SIGMA: Final = 3.0
 """Of a log height of which nothing is known."""
 _LEAST_SIGMA: Final = 1e-3
-_STATED: Final = ((1.0, 0.75), (3.0, 0.15))
+_STATED: Final = ((1.0, 0.5), (3.0, 0.3))
 """A stated sigma is multiplied by these, with these probabilities ..."""
-_MISSTATED_SIGMA, _MISSTATED_SHARE = 0.35, 0.1
+_MISSTATED_SIGMA, _MISSTATED_SHARE = 0.35, 0.2
 """... or the height is something else altogether."""
 
 
