@@ -27,7 +27,7 @@ _WIDE = 9.0
 """How far below the best the log evidence of a range may be to be looked at."""
 _UNLIKELY = 7.0
 """The same of a hypothesis."""
-_REFINEMENTS = 4
+_REFINEMENTS = 7
 _NEGLIGIBLE = 1e-5
 _TRIED, _TRIED_AGAIN = np.log([0.45, 0.67, 1.0, 1.5, 2.25, 3.4]), np.log([0.8, 1.0, 1.25])
 """Logarithms of factors of the stated noise, first and about what was found then."""
@@ -35,7 +35,7 @@ _DISMISSED = 14.0
 """How far below the best a node's log evidence may be."""
 _NOISE_SPREAD = 0.5
 """Prior sigma of such a logarithm."""
-_HONESTY_SPREAD, _OWN_SPREAD, _FITTED_SPREAD = 0.4, 0.35, 0.16
+_HONESTY_SPREAD, _OWN_SPREAD, _FITTED_SPREAD = 0.4, 0.3, 0.16
 """A header that understates one noise understates others: sigma of the logarithm that all its noises share, of each
 one's own, and of what the sightings tell of the bearing's and the size's."""
 _POSES = ((-1.2, 0.23), (0.0, 0.54), (1.2, 0.23))
@@ -70,33 +70,31 @@ def averaged(model: MarginalModel) -> Averaged:
     """
     travel = float(np.linalg.norm(np.ptp(model.camera_m, axis=0)))
     ranges = np.geomspace(max(_NEAREST * travel, _NEAREST_M), max(_FARTHEST * travel, 10.0 * _NEAREST_M), _COARSE)
-    everything = np.arange(len(model.hypotheses))
-    lines = model.linearised(ranges)
-    rough = model.evidence(lines, Factors(), everything)
-    factors, poses = _noise(model, lines, rough)
-    coarse = model.evidence(lines, replace(factors, pose=poses[1][0]), everything)
-    inside = _inside(_by_range(model, coarse, factors))
-    bounded = bool(inside[0] > 0 and inside[-1] < len(ranges) - 1)
-    by_motion = _summed(coarse.log, (0,))
+    whole = ranges
+    found = _resolved(model, whole, Factors())
+    factors, poses = _noise(model, found.lines, found.evidence)
+    # Other noise makes another width, so the search begins again, somewhat around what was found.
+    usual = replace(factors, pose=poses[1][0])
+    low, high = found.limits
+    margin = math.sqrt(high / low)
+    found = _resolved(model, np.geomspace(low / margin, high * margin, _FINE), usual)
+    if found.at_edge:
+        found = _resolved(model, whole, usual)
+    bounded = not found.at_edge
+    lines, ranges = found.lines, found.lines.ranges_m
+    by_motion = _summed(found.evidence.log, (0,))
     likely = np.flatnonzero(by_motion > by_motion.max() - _UNLIKELY)
-    for _ in range(_REFINEMENTS):
-        low, high = ranges[max(inside[0] - 1, 0)], ranges[min(inside[-1] + 1, len(ranges) - 1)]
-        ranges = np.geomspace(low, high, _FINE)
-        lines = model.linearised(ranges)
-        inside = _inside(_by_range(model, model.evidence(lines, replace(factors, pose=poses[1][0]), likely), factors))
-        if len(inside) >= _FINE // 2 - 1:
-            break
     parts = []
     for pose, share in poses:
-        found = model.evidence(lines, replace(factors, pose=pose), likely)
-        nodes = model.nodes(found, factors, _DISMISSED)
-        parts.append((found, nodes, nodes.log + math.log(share)))
+        at = model.evidence(lines, replace(factors, pose=pose), likely)
+        nodes = model.nodes(at, factors, _DISMISSED)
+        parts.append((at, nodes, nodes.log + math.log(share)))
     top = max(float(log.max()) for _, _, log in parts)
     means, covariances, kept, sizes, motion, variant, places = [], [], [], [], [], [], []
-    for found, nodes, log in parts:
+    for at, nodes, log in parts:
         weight = np.exp(log - top)
         rows = np.flatnonzero(weight > _NEGLIGIBLE)
-        mean, covariance = _targets(model, lines, found, nodes, rows, likely)
+        mean, covariance = _targets(model, lines, at, nodes, rows, likely)
         means.append(mean)
         covariances.append(covariance)
         kept.append(weight[rows])
@@ -134,6 +132,36 @@ def averaged(model: MarginalModel) -> Averaged:
         (log_height, log_height_sigma),
         heights,
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Resolved:
+    """A grid of ranges that is fine enough where the evidence is."""
+
+    lines: Linearised
+    evidence: Evidence
+    """Of all hypotheses."""
+    limits: tuple[float, float]
+    """Ranges (m) between which the evidence is."""
+    at_edge: bool
+    """Whether the evidence reaches an end of the first grid."""
+
+
+def _resolved(model: MarginalModel, ranges: Vector, factors: Factors) -> _Resolved:
+    """Refine a grid of ranges until the evidence covers half of it."""
+    everything = np.arange(len(model.hypotheses))
+    at_edge = False
+    for refinement in range(_REFINEMENTS):
+        lines = model.linearised(ranges)
+        found = model.evidence(lines, factors, everything)
+        inside = _inside(_by_range(model, found, factors))
+        low, high = max(int(inside[0]) - 1, 0), min(int(inside[-1]) + 1, len(ranges) - 1)
+        at_edge = at_edge or (refinement == 0 and (inside[0] == 0 or inside[-1] == len(ranges) - 1))
+        if len(inside) >= _FINE // 2 - 1 and (refinement > 0 or len(ranges) == _FINE):
+            break
+        if refinement < _REFINEMENTS - 1:
+            ranges = np.geomspace(ranges[low], ranges[high], _FINE)
+    return _Resolved(lines, found, (float(ranges[low]), float(ranges[high])), bool(at_edge))
 
 
 def _by_range(model: MarginalModel, found: Evidence, factors: Factors) -> Vector:
@@ -184,17 +212,17 @@ def _targets(
 ) -> tuple[Matrix, Matrix]:
     """Means (m, 9) and covariances (m, 9, 9) of the target at some nodes, as in `TargetMoments`."""
     r, h = nodes.place[rows].T
-    span, count = model.span_s, len(rows)
+    end, count = model.end_s, len(rows)
     axes, which = lines.axes[r], likely[h]
     spread = np.zeros((count, 9, COLUMNS))
     spread[:, 0:3, SIDE] = spread[:, 3:6, SIDE] = axes[:, 1]
     spread[:, 0:3, RISE] = spread[:, 3:6, RISE] = axes[:, 2]
-    spread[:, 3:6, SPEED], spread[:, 6:9, SPEED] = span * np.eye(3), np.eye(3)
+    spread[:, 3:6, SPEED], spread[:, 6:9, SPEED] = end * np.eye(3), np.eye(3)
     wander = model.end_modes[which]
     loads = wander @ found.modes[r, h]
     both = spread - loads[..., :COLUMNS]
     mean = (both @ nodes.design[rows][..., None])[..., 0] + loads[..., COLUMNS]
-    start = lines.ranges_m[r][:, None] * axes[:, 0]
+    start = model.camera_m[model.first] + lines.ranges_m[r][:, None] * axes[:, 0]
     mean[:, :3] += start
     mean[:, 3:6] += start
     covariance = both @ nodes.covariance[rows] @ np.swapaxes(both, 1, 2) + model.end_rest[which]

@@ -23,6 +23,7 @@ from mission.estimate.noise_fit import rescaled
 from mission.estimate.observations import Observations, observe, tamed_noise, tamed_prior
 from mission.estimate.posterior import HOPELESS, POOR
 from mission.estimate.size_prior import SizePrior, size_priors
+from mission.estimate.starts import meets_behind
 from mission.estimate.target_covariance import TargetMoments, in_open_world
 from mission.records import Estimate, FirstPosition, FlightSightings, NoiseModel, Vector
 
@@ -80,13 +81,14 @@ def estimate_together(flights: Sequence[FlightSightings]) -> Estimate:
     try:
         with np.errstate(all="ignore"):  # what overflows ends as a singular matrix, and that is refused
             kept, chi2, freedom = _plausible(flight, seen)
-            model = MarginalModel(kept, flight.noise, flight.prior, size_priors(flight.prior))
+            asked_s = last.sightings[0].t_s - seen.start_s
+            model = MarginalModel(kept, flight.noise, flight.prior, size_priors(flight.prior), asked_s)
             found = averaged(model)
     except (NotPositiveDefinite, np.linalg.LinAlgError, FloatingPointError):
         raise EstimateRefused(
             "The sightings do not determine a position", "Fly further sideways, and keep the target in view."
         ) from None
-    camera = model.camera_m[0]
+    camera = model.camera_m[model.first]
     relative = _relative_depth_sigma(found.moments, camera)
     if not np.isfinite(found.moments.covariance).all() or not np.isfinite(found.moments.mean).all():
         raise EstimateRefused(
@@ -112,7 +114,7 @@ def estimate_together(flights: Sequence[FlightSightings]) -> Estimate:
         position_enu_m=seen.reference_m + moments.mean[3:6] + beyond * velocity,
         velocity_enu_m_s=velocity,
         covariance=to_end @ moments.last_covariance @ to_end.T,
-        first=FirstPosition(flight.sightings[0].t_s, seen.reference_m + moments.mean[:3], moments.first_covariance),
+        first=FirstPosition(last.sightings[0].t_s, seen.reference_m + moments.mean[:3], moments.first_covariance),
         depth_m=float(np.hypot(*(moments.mean[:2] - camera[:2]))),
         sightings=len(flight.sightings),
         rejected=len(flight.sightings) - len(kept.t_s),
@@ -138,7 +140,7 @@ def _plausible(flight: FlightSightings, seen: Observations) -> tuple[Observation
         try:
             model, minimum = most_probable(louder, observe(louder))
         except EstimateRefused:
-            if factor == _NOISIER[-1]:
+            if factor == _NOISIER[-1] or meets_behind(seen, flight.noise, flight.prior):
                 raise
             continue
         if model.count >= _MOST_RIGHT * len(seen.t_s):
@@ -146,7 +148,7 @@ def _plausible(flight: FlightSightings, seen: Observations) -> tuple[Observation
     right = np.isin(seen.index, model.seen.index)
     sized = np.ones(len(seen.t_s), dtype=bool)
     sized[right] = model.has_size
-    return seen.only(right, sized[right]), minimum.at.cost, model.freedom
+    return seen.only(right, sized), minimum.at.cost, model.freedom
 
 
 def _louder(noise: NoiseModel, factor: float) -> NoiseModel:

@@ -25,7 +25,7 @@ def smoothed_path(t_s: Vector, reported_m: Matrix, noise: NoiseModel, knots: Kno
     """The path at the sightings, and what it may be wrong by.
 
     Args:
-        t_s: (n,), from zero.
+        t_s: (n,), zero where the reports' random walk is.
         reported_m: (n, 3).
         noise: of the reports.
         knots: the averages in which the covariance is wanted.
@@ -33,7 +33,7 @@ def smoothed_path(t_s: Vector, reported_m: Matrix, noise: NoiseModel, knots: Kno
     Returns:
         Smoothed positions (n, 3), and the covariance (k, k) of their errors at the knots, per axis.
     """
-    average, span = knots.bearing, max(float(t_s[-1]), 1e-3)
+    average, span = knots.bearing, max(float(np.ptp(t_s)), 1e-3)
     error = max(noise.position_sigma_m, _LEAST_WHITE_M) ** 2 * (average @ average.T)
     error = error + noise.position_walk_m_per_sqrt_s**2 * knots.averaged(random_walk(t_s))
     powers = (t_s[:, None] / span) ** np.arange(3)

@@ -20,23 +20,31 @@ def exponential(t_s: Vector, correlation_s: float) -> Matrix:
 
 
 def random_walk(t_s: Vector) -> Matrix:
-    """A random walk that is zero at t = 0 and grows by unit variance each second, (n, n)."""
-    return np.asarray(np.minimum(t_s[:, None], t_s))
+    """A random walk that is zero at t = 0 and grows by unit variance each second, before and after, (n, n)."""
+    return _one_side(t_s, t_s) * np.minimum(np.abs(t_s[:, None]), np.abs(t_s))
 
 
 def integrated_random_walk(t_s: Vector, other_s: Vector) -> Matrix:
     """Place whose velocity is a unit random walk, both zero at t = 0, (n, m)."""
-    first, last = np.minimum(t_s[:, None], other_s), np.maximum(t_s[:, None], other_s)
-    return np.asarray(first * first * (3.0 * last - first) / 6.0)
+    t, other = np.abs(t_s[:, None]), np.abs(other_s)
+    first, last = np.minimum(t, other), np.maximum(t, other)
+    return _one_side(t_s, other_s) * first * first * (3.0 * last - first) / 6.0
 
 
 def random_walk_by_place(t_s: Vector, other_s: Vector) -> Matrix:
     """Covariance of a unit random walk at `t_s` (rows) with its integral at `other_s` (columns), (n, m)."""
-    first = np.minimum(t_s[:, None], other_s)
-    return np.asarray(first * other_s - 0.5 * first * first)
+    other = np.abs(other_s)
+    first = np.minimum(np.abs(t_s[:, None]), other)
+    return _one_side(t_s, other_s) * np.sign(other_s) * (first * other - 0.5 * first * first)
 
 
 def twice_integrated_random_walk(t_s: Vector, other_s: Vector) -> Matrix:
     """Place whose acceleration is a unit random walk, all zero at t = 0, (n, m)."""
-    first, lag = np.minimum(t_s[:, None], other_s), np.abs(t_s[:, None] - other_s)
-    return np.asarray(first**5 / 20.0 + lag * first**4 / 8.0 + lag**2 * first**3 / 12.0)
+    t, other = np.abs(t_s[:, None]), np.abs(other_s)
+    first, lag = np.minimum(t, other), np.abs(t - other)
+    return _one_side(t_s, other_s) * (first**5 / 20.0 + lag * first**4 / 8.0 + lag**2 * first**3 / 12.0)
+
+
+def _one_side(t_s: Vector, other_s: Vector) -> Matrix:
+    """One where two times are on the same side of zero: what happened before has no part in what comes after."""
+    return np.asarray(t_s[:, None] * other_s > 0.0, dtype=np.float64)

@@ -39,13 +39,14 @@ class Knots:
         return averaged
 
 
-def knots(seen: Observations) -> Knots:
+def knots(seen: Observations, t_s: Vector) -> Knots:
     """Windows of equal length over the time in which there are sightings.
 
     Args:
         seen: observations in time order, three at least.
+        t_s: (n,), their times.
     """
-    t = seen.t_s
+    t = t_s
     count = len(t)
     gaps = np.diff(t, prepend=t[0])
     # Long gaps, as between two passes, hold no windows.

@@ -42,7 +42,7 @@ _LEAN_RAD, _LEAN_S = 0.03, 1.0
 _SMOOTHED = 2
 """Sightings on either side in the running median."""
 _FLAT = 1e-9
-_COMPASS: Final = ((1.0, 0.75), (2.2, 0.25))
+_COMPASS: Final = ((1.0, 0.8), (2.2, 0.2))
 """A heading's bias stays unseen, so its stated sigma is multiplied by these, with these probabilities."""
 _LEAST_BIAS_RAD = 1e-6
 _LEAST_SPEED_M_S = 1e-3
@@ -114,19 +114,28 @@ class MarginalModel:
         noise: stated.
         prior: stated; its height is in `sizes`.
         sizes: what is believed of the log height beforehand, alternatives with their probabilities.
+        asked_s: when the first of the two places is asked for, on the clock of `seen.t_s`.
     """
 
     def __init__(
-        self, seen: Observations, noise: NoiseModel, prior: TargetPrior, sizes: Sequence[SizePrior]
+        self,
+        seen: Observations,
+        noise: NoiseModel,
+        prior: TargetPrior,
+        sizes: Sequence[SizePrior],
+        asked_s: float = 0.0,
     ) -> None:
         self.seen, self.noise, self.prior = seen, noise, prior
-        t = seen.t_s
-        self.knots: Knots = knots(seen)
+        self.t_s = t = seen.t_s - asked_s
+        self.first = min(int(np.searchsorted(t, 0.0)), len(t) - 1)
+        """The sighting whose range is hypothesised."""
+        self.knots: Knots = knots(seen, t)
         self.camera_m, path = smoothed_path(t, seen.camera_m, noise, self.knots)
         self.hypotheses: tuple[Hypothesis, ...] = motion_hypotheses(t, self.knots.bearing, prior)
         postures = [h.posture for h in self.hypotheses if h.posture is not None]
-        self.geometry = RangeModel(seen, self.knots, self.camera_m, np.array(postures).reshape(len(postures), len(t)))
-        self.span_s = float(t[-1])
+        shares = np.array(postures).reshape(len(postures), len(t))
+        self.geometry = RangeModel(seen, self.knots, self.camera_m, shares, t, self.first)
+        self.end_s = float(t[-1])
         keep = np.ones((len(self.knots.t_s), 3), dtype=bool)
         keep[:, 2] = self.knots.sized
         self._keep = keep.reshape(-1)
@@ -294,6 +303,7 @@ class MarginalModel:
         if prior.ground_up_m is not None:
             sigma = max(prior.ground_sigma_m or 0.0, LEAST_GROUND_SIGMA_M)
             known = prior.ground_up_m + prior.centre_above_ground_m - float(self.seen.reference_m[2])
+            known -= float(self.camera_m[self.first, 2])
             left = known - lines.ranges_m * lines.axes[:, 0, 2]
             rise = lines.axes[:, 2, 2]
             information[:, RISE, RISE] += (rise / sigma) ** 2
@@ -312,7 +322,7 @@ class MarginalModel:
         scale = np.array([max(float(np.trace(p)), 1e-12) for p in places])
         shape = (places / scale[:, None, None]).mean(axis=0)
         values, vectors = np.linalg.eigh(shape)
-        count = min(len(values), int(np.clip(self.span_s / _MODE_S, _MODES, _MOST_MODES)))
+        count = min(len(values), int(np.clip(float(np.ptp(self.t_s)) / _MODE_S, _MODES, _MOST_MODES)))
         basis = vectors[:, ::-1][:, :count]
         inside = np.einsum("im,hij,jn->hmn", basis, places, basis)
         end = basis[-2:]
@@ -351,21 +361,21 @@ class MarginalModel:
         design = found[:, 2 * modes :]
         axes = lines.axes
         start = lines.ranges_m[:, None] * axes[:, 0] + design[:, :1] * axes[:, 1] + design[:, 1:2] * axes[:, 2]
-        t = self.seen.t_s
+        t = self.t_s
         target = start[:, None] + t[None, :, None] * design[:, None, SPEED]
         wander = np.stack((found[:, :modes] @ self._modes.T, found[:, modes : 2 * modes] @ self._modes.T), axis=2)
         for axis in range(2):
             for r in range(len(target)):
                 target[r, :, axis] += np.interp(t, self.knots.t_s, wander[r, :, axis])
-        return _held(target - self.camera_m, lines)
+        return _held(target - (self.camera_m - self.camera_m[self.first]), lines, self.first)
 
     def _sight(self) -> Matrix:
         """Directions to the target, (n, 3)."""
         return self.geometry.rays
 
     def _relative_range(self) -> Vector:
-        """Distance over the first one, by the apparent heights (a running median and mean of their logarithms), (n,)."""
-        t, sized = self.seen.t_s, self.seen.size_scale > 0.0
+        """Distance over the hypothesised one, by the apparent heights (a running median and mean of their logarithms), (n,)."""
+        t, sized = self.t_s, self.seen.size_scale > 0.0
         if int(sized.sum()) < 5:
             return np.ones(len(t))
         heights = self.seen.measured[sized, 2]
@@ -373,18 +383,18 @@ class MarginalModel:
         near = near.clip(0, len(heights) - 1)
         smooth = np.median(heights[near], axis=1)[near].mean(axis=1)
         filled = np.interp(t, t[sized], smooth)
-        return np.asarray(np.exp(np.clip(filled[0] - filled, -3.5, 3.5)))
+        return np.asarray(np.exp(np.clip(filled[self.first] - filled, -3.5, 3.5)))
 
 
-def _held(path: Matrix, lines: Linearised) -> Matrix:
-    """The improved path, its first range held, no step of the range larger than a factor of two, never behind."""
+def _held(path: Matrix, lines: Linearised, held: int) -> Matrix:
+    """The improved path, the range of the sighting `held` kept, no step of the range larger than a factor of two, never behind."""
     before = np.linalg.norm(lines.path_m, axis=2, keepdims=True)
     far = np.linalg.norm(path, axis=2, keepdims=True)
     ahead = np.einsum("rnj,rnj->rn", path, lines.path_m)[..., None] > 0.3 * before * before
     stepped = path / np.maximum(far, 1e-9) * (before * np.clip(far / before, 0.5, 2.0))
     path = np.where(ahead, stepped, lines.path_m)
-    first = np.linalg.norm(path[:, :1], axis=2, keepdims=True)
-    return np.asarray(path * (lines.ranges_m[:, None, None] / first))
+    there = np.linalg.norm(path[:, held : held + 1], axis=2, keepdims=True)
+    return np.asarray(path * (lines.ranges_m[:, None, None] / there))
 
 
 def _spread(kernel: Matrix) -> Matrix:

@@ -3,7 +3,7 @@
 Nobody walks a straight line at constant speed for six seconds: velocities of walking people are close to random walks
 whose intensity differs from person to person by two orders of magnitude (typically 0.005 m2/s3 per axis, heavy
 tails), and some turn, stop or start within a second, weave, or change their posture. Each hypothesis is a Gaussian
-process of the deviation from constant velocity, per horizontal axis, zero at the first sighting:
+process of the deviation from constant velocity, per horizontal axis, zero at the time that the place is asked for:
 
 - a random walk of the velocity of one intensity (white-noise acceleration; Bar-Shalom, Li & Kirubarajan 6.2.2),
 - the same with one change of velocity within about a second, at one of several times,
@@ -27,13 +27,13 @@ from mission.records import Matrix, TargetPrior, Vector
 MotionKind = Literal["steady", "wandering", "turning", "weaving", "posture"]
 
 _INTENSITIES: Final = (
-    (0.0, 0.13),
-    (0.001, 0.15),
-    (0.004, 0.18),
-    (0.016, 0.16),
-    (0.06, 0.09),
-    (0.25, 0.05),
-    (1.0, 0.02),
+    (0.0, 0.2),
+    (0.001, 0.16),
+    (0.004, 0.16),
+    (0.016, 0.14),
+    (0.06, 0.08),
+    (0.25, 0.04),
+    (1.0, 0.015),
 )
 """Of the velocity's random walk, m2/s3, and prior probabilities."""
 _CALM = 0.001
@@ -72,11 +72,11 @@ def motion_hypotheses(t_s: Vector, averaging: Matrix, prior: TargetPrior) -> tup
     """The hypotheses of a flight.
 
     Args:
-        t_s: times of the sightings, (n,), from zero.
+        t_s: times of the sightings, (n,), zero where the deviation is.
         averaging: weights (k, n) of the knots.
         prior: an `acceleration_psd_m2_s3` above zero tells the intensity, and is then the only hypothesis.
     """
-    span = float(t_s[-1])
+    begin, end = float(t_s[0]), float(t_s[-1])
     wander = _with_end(t_s, averaging)
     told = prior.acceleration_psd_m2_s3
     if told > 0.0:
@@ -85,15 +85,15 @@ def motion_hypotheses(t_s: Vector, averaging: Matrix, prior: TargetPrior) -> tup
         Hypothesis("steady" if psd <= _CALM else "wandering", math.log(share), psd * wander)
         for psd, share in _INTENSITIES
     ]
-    for turn in (np.arange(_TURNS) + 0.5) / _TURNS * span:
-        path, rate = _turned(t_s, turn), _turned_rate(span, turn)
-        row = np.concatenate((averaging @ path, [_turned(np.array([span]), turn)[0], rate]))
+    for turn in begin + (np.arange(_TURNS) + 0.5) / _TURNS * (end - begin):
+        path, rate = _turned(t_s, turn), _turned_rate(end, turn)
+        row = np.concatenate((averaging @ path, [path[-1], rate]))
         share = math.log(_TURNING / _TURNS)
         found.append(Hypothesis("turning", share, _USUAL * wander + _TURN_SIGMA_M_S**2 * np.outer(row, row)))
     for rate_rad_s, sigma_m, share in _WEAVING:
         weave = sigma_m**2 * _oscillation(t_s, averaging, rate_rad_s)
         found.append(Hypothesis("weaving", math.log(share), _USUAL * wander + weave))
-    for change in (np.arange(_POSTURES) + 0.5) / _POSTURES * span:
+    for change in begin + (np.arange(_POSTURES) + 0.5) / _POSTURES * (end - begin):
         done = np.clip((t_s - change) / _POSTURE_S + 0.5, 0.0, 1.0)
         found.append(Hypothesis("posture", math.log(_POSTURE / _POSTURES), _USUAL * wander, done))
     return tuple(found)
@@ -114,7 +114,7 @@ def _with_end(t_s: Vector, averaging: Matrix) -> Matrix:
 
 
 def _turned(t_s: Vector, turn_s: float) -> Vector:
-    """Way made since the first sighting by a change of velocity of 1 m/s around a time, (n,)."""
+    """Way made since t = 0 by a change of velocity of 1 m/s around a time, (n,)."""
     since = np.append(0.0, t_s) - (turn_s - 0.5 * _TURN_S)
     way = 0.5 * np.clip(since, 0.0, _TURN_S) ** 2 / _TURN_S + np.maximum(since - _TURN_S, 0.0)
     return np.asarray(way[1:] - way[0])
@@ -126,7 +126,7 @@ def _turned_rate(end_s: float, turn_s: float) -> float:
 
 
 def _oscillation(t_s: Vector, averaging: Matrix, rate_rad_s: float) -> Matrix:
-    """An oscillation of unit amplitude and any phase, less its place at the first sighting."""
+    """An oscillation of unit amplitude and any phase, less its place at t = 0."""
     waves = np.column_stack((np.sin(rate_rad_s * t_s), np.cos(rate_rad_s * t_s) - 1.0))
     rate = rate_rad_s * np.array((math.cos(rate_rad_s * t_s[-1]), -math.sin(rate_rad_s * t_s[-1])))
     whole = np.vstack((averaging @ waves, waves[-1], rate))

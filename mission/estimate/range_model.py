@@ -1,4 +1,4 @@
-"""The sightings as linear functions of everything unknown, for given ranges of the target at the first sighting.
+"""The sightings as linear functions of everything unknown, for given ranges of the target at one of them.
 
 For a given range the bearings place the target across the line of sight, and the apparent heights along it, so that
 all that is left is close to linear (the pseudo-linear equations; Nardone & Aidala 1981). Around a nominal path d(t) of
@@ -22,7 +22,7 @@ from mission.estimate.observations import Observations
 from mission.records import Matrix, Vector
 
 SIDE, RISE, SPEED, SIZE, HEADING, TILT = 0, 1, slice(2, 5), 5, 6, 7
-"""Columns of the design: place across the first line of sight (right, up; m), velocity (m/s), log height, biases."""
+"""Columns of the design: place across that line of sight (right, up; m), velocity (m/s), log height, biases."""
 COLUMNS = 8
 _HALF_HEIGHT_M = 0.85
 """By how much the centre sinks where the height shrinks by its whole."""
@@ -38,7 +38,7 @@ class Linearised:
     path_m: Matrix
     """(R, n, 3), the target relative to the camera, about which it is linear."""
     axes: Matrix
-    """(R, 3, 3), rows e0, e1, e2 at the first sighting."""
+    """(R, 3, 3), rows e0, e1, e2 at the sighting whose range is given."""
     residual: Matrix
     """(R, 3 k), of the measurements as a linear function of the design's unknowns."""
     design: Matrix
@@ -63,10 +63,15 @@ class RangeModel:
         knots: their averaging.
         camera_m: (n, 3), the camera's (smoothed) path.
         postures: (P, n), shares of changes of posture done at the sightings.
+        t_s: (n,), times of the sightings, zero where the target's place is asked for.
+        first: the sighting whose range is given.
     """
 
-    def __init__(self, seen: Observations, knots: Knots, camera_m: Matrix, postures: Matrix) -> None:
-        self._t = seen.t_s
+    def __init__(
+        self, seen: Observations, knots: Knots, camera_m: Matrix, postures: Matrix, t_s: Vector, first: int
+    ) -> None:
+        self._t = t_s
+        self._first = first
         self._camera = camera_m
         self._camera_from_world = seen.camera_from_world
         tangents = np.column_stack((seen.measured[:, :2], np.ones(len(seen.t_s))))
@@ -108,7 +113,8 @@ class RangeModel:
             nudged[..., axis] += step
             by_place[:, :, 2, axis] = (self._log_projection(nudged) - height) / step
         # The target's place is start + what the design's unknowns make of it; the nominal path is where it is linear.
-        beyond = path_m + self._camera - (ranges_m[:, None] * ahead[:, 0])[:, None]
+        first = self._first
+        beyond = path_m + (self._camera - self._camera[first]) - (ranges_m[:, None] * ahead[:, first])[:, None]
         measured += np.einsum("rnij,rnj->rni", by_place, beyond)
         knots = self._averages.shape[1]
         count, rows = len(ranges_m), 3 * knots
@@ -119,8 +125,8 @@ class RangeModel:
         heading_k = np.einsum("ckn,rnc->rkc", self._averages[:2], heading)
         tilt_k = np.einsum("ckn,rnc->rkc", self._averages[:2], tilt)
         design = np.zeros((count, knots, 3, COLUMNS))
-        design[..., SIDE] = np.einsum("rkcj,rj->rkc", averaged, across[:, 0])
-        design[..., RISE] = np.einsum("rkcj,rj->rkc", averaged, upward[:, 0])
+        design[..., SIDE] = np.einsum("rkcj,rj->rkc", averaged, across[:, first])
+        design[..., RISE] = np.einsum("rkcj,rj->rkc", averaged, upward[:, first])
         design[..., SPEED] = moving
         design[:, :, 2, SIZE] = 1.0
         design[:, :, :2, HEADING] = heading_k
@@ -132,7 +138,7 @@ class RangeModel:
         return Linearised(
             ranges_m,
             path_m,
-            np.stack((ahead[:, 0], across[:, 0], upward[:, 0]), axis=1),
+            np.stack((ahead[:, first], across[:, first], upward[:, first]), axis=1),
             np.einsum("ckn,rnc->rkc", self._averages, measured).reshape(count, rows),
             design.reshape(count, rows, COLUMNS),
             averaged.reshape(count, rows, 3),

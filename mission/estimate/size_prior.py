@@ -56,6 +56,8 @@ def size_priors(prior: TargetPrior) -> tuple[SizePrior, ...]:
         return (SizePrior.unknown(),)
     sigma = max((prior.height_sigma_m or 0.0) / prior.height_m, _LEAST_SIGMA)
     mean = math.log(prior.height_m)
+    if sigma >= _MISSTATED_SIGMA:
+        return (SizePrior(mean, min(sigma, _UNKNOWN_SIGMA), 1.0, "stated"),)
     return (
         *(SizePrior(mean, factor * sigma, share, "stated") for factor, share in _STATED),
         SizePrior(mean, _MISSTATED_SIGMA, _MISSTATED_SHARE, "other"),
