@@ -27,6 +27,8 @@ _WIDE = 9.0
 """How far below the best the log evidence of a range may be to be looked at."""
 _UNLIKELY = 7.0
 """The same of a hypothesis."""
+_INTENSITIES_TRIED = 7
+"""The first hypotheses, of which every other one finds where the evidence is at all."""
 _REFINEMENTS = 7
 _NEGLIGIBLE = 1e-5
 _TRIED, _TRIED_AGAIN = np.log([0.45, 0.67, 1.0, 1.5, 2.25, 3.4]), np.log([0.8, 1.0, 1.25])
@@ -71,15 +73,16 @@ def averaged(model: MarginalModel) -> Averaged:
     travel = float(np.linalg.norm(np.ptp(model.camera_m, axis=0)))
     ranges = np.geomspace(max(_NEAREST * travel, _NEAREST_M), max(_FARTHEST * travel, 10.0 * _NEAREST_M), _COARSE)
     whole = ranges
-    found = _resolved(model, whole, Factors())
-    factors, poses = _noise(model, found.lines, found.evidence)
+    everything = np.arange(len(model.hypotheses))
+    found = _resolved(model, whole, Factors(), everything[: _INTENSITIES_TRIED : 2])
+    factors, poses = _noise(model, found.lines, found.evidence, everything[: _INTENSITIES_TRIED : 2])
     # Other noise makes another width, so the search begins again, somewhat around what was found.
     usual = replace(factors, pose=poses[1][0])
     low, high = found.limits
     margin = math.sqrt(high / low)
-    found = _resolved(model, np.geomspace(low / margin, high * margin, _FINE), usual)
+    found = _resolved(model, np.geomspace(low / margin, high * margin, _FINE), usual, everything)
     if found.at_edge:
-        found = _resolved(model, whole, usual)
+        found = _resolved(model, whole, usual, everything)
     bounded = not found.at_edge
     lines, ranges = found.lines, found.lines.ranges_m
     by_motion = _summed(found.evidence.log, (0,))
@@ -140,20 +143,19 @@ class _Resolved:
 
     lines: Linearised
     evidence: Evidence
-    """Of all hypotheses."""
+    """Of the hypotheses that were asked for."""
     limits: tuple[float, float]
     """Ranges (m) between which the evidence is."""
     at_edge: bool
     """Whether the evidence reaches an end of the first grid."""
 
 
-def _resolved(model: MarginalModel, ranges: Vector, factors: Factors) -> _Resolved:
-    """Refine a grid of ranges until the evidence covers half of it."""
-    everything = np.arange(len(model.hypotheses))
+def _resolved(model: MarginalModel, ranges: Vector, factors: Factors, wanted: NDArray[np.intp]) -> _Resolved:
+    """Refine a grid of ranges until the evidence of some hypotheses covers half of it."""
     at_edge = False
     for refinement in range(_REFINEMENTS):
         lines = model.linearised(ranges)
-        found = model.evidence(lines, factors, everything)
+        found = model.evidence(lines, factors, wanted)
         inside = _inside(_by_range(model, found, factors))
         low, high = max(int(inside[0]) - 1, 0), min(int(inside[-1]) + 1, len(ranges) - 1)
         at_edge = at_edge or (refinement == 0 and (inside[0] == 0 or inside[-1] == len(ranges) - 1))
@@ -176,11 +178,13 @@ def _inside(by_range: Vector) -> NDArray[np.intp]:
     return np.flatnonzero(by_range > by_range.max() - _WIDE)
 
 
-def _noise(model: MarginalModel, lines: Linearised, rough: Evidence) -> tuple[Factors, list[tuple[float, float]]]:
+def _noise(
+    model: MarginalModel, lines: Linearised, rough: Evidence, tried: NDArray[np.intp]
+) -> tuple[Factors, list[tuple[float, float]]]:
     """The factors of the stated noise, and the pose's factors with their probabilities."""
     best_range, best_motion = np.unravel_index(int(np.argmax(rough.log)), rough.log.shape)
     line = _only(lines, int(best_range))
-    motion = np.array([best_motion])
+    motion = tried[best_motion : best_motion + 1]
     factors = Factors()
     sized = bool(model.knots.sized.any())
     for tried in (_TRIED, _TRIED_AGAIN):

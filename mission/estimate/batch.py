@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from mission.errors import EstimateRefused
 from mission.estimate.arrow import NotPositiveDefinite
@@ -27,6 +28,7 @@ from mission.estimate.starts import meets_behind
 from mission.estimate.target_covariance import TargetMoments, in_open_world
 from mission.records import Estimate, FirstPosition, FlightSightings, NoiseModel, Vector
 
+_BLAS: Final = ThreadpoolController()
 _GENEROUS_PSD: Final = 0.3
 """White-noise acceleration under which a sighting that does not fit is somebody else, m2/s3."""
 _NOISIER: Final = (1.5, 3.0, 6.0)
@@ -79,7 +81,8 @@ def estimate_together(flights: Sequence[FlightSightings]) -> Estimate:
             f"{len(seen.t_s)} usable sightings are too few", "Keep the target in view for three sightings or more."
         )
     try:
-        with np.errstate(all="ignore"):  # what overflows ends as a singular matrix, and that is refused
+        # Small matrices: more threads than one would only wait for each other.
+        with _BLAS.limit(limits=1, user_api="blas"), np.errstate(all="ignore"):  # what overflows ends as a singular matrix, and that is refused
             kept, chi2, freedom = _plausible(flight, seen)
             asked_s = last.sightings[0].t_s - seen.start_s
             model = MarginalModel(kept, flight.noise, flight.prior, size_priors(flight.prior), asked_s)
@@ -148,7 +151,8 @@ def _plausible(flight: FlightSightings, seen: Observations) -> tuple[Observation
     right = np.isin(seen.index, model.seen.index)
     sized = np.ones(len(seen.t_s), dtype=bool)
     sized[right] = model.has_size
-    return seen.only(right, sized), minimum.at.cost, model.freedom
+    given = flight.prior.height_m is not None and model.any_size
+    return seen.only(right, sized), minimum.at.cost, model.freedom + given
 
 
 def _louder(noise: NoiseModel, factor: float) -> NoiseModel:

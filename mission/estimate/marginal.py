@@ -245,7 +245,7 @@ class MarginalModel:
         covariance = np.linalg.inv(posterior)
         mean = (covariance @ right[..., None])[..., 0]
         log = np.array([self.hypotheses[int(which)].log_prior for which in wanted]) + constant[:, None]
-        log = log - 0.5 * (log_det[:, None] + np.linalg.slogdet(inner)[1] + np.linalg.slogdet(posterior)[1])
+        log = log - 0.5 * (log_det[:, None] + _log_det(inner) + _log_det(posterior))
         log = log - 0.5 * (reduced[..., COLUMNS, COLUMNS] - (right * mean).sum(axis=2))
         # The prior is uniform over directions and the logarithm of the range; across and up are in metres.
         log = log - 2.0 * np.log(lines.ranges_m)[:, None]
@@ -384,6 +384,12 @@ class MarginalModel:
         smooth = np.median(heights[near], axis=1)[near].mean(axis=1)
         filled = np.interp(t, t[sized], smooth)
         return np.asarray(np.exp(np.clip(filled[self.first] - filled, -3.5, 3.5)))
+
+
+def _log_det(matrices: Matrix) -> Matrix:
+    """Of positive definite matrices (..., m, m)."""
+    factor = np.linalg.cholesky(matrices)
+    return np.asarray(2.0 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1))
 
 
 def _held(path: Matrix, lines: Linearised, held: int) -> Matrix:

@@ -36,7 +36,6 @@ from mission.estimate.noise_likelihood import (
     random_walk_intensity,
 )
 from mission.estimate.observations import Observations, observe, tamed_noise, tamed_prior
-from mission.estimate.white_equivalent import white_equivalent
 from mission.records import FlightSightings, NoiseModel, Sighting, Vector
 
 _PATTERN_RATE = 1.4 * 2.0 * math.pi
@@ -133,10 +132,9 @@ def supported(flight: FlightSightings, *, steadied: bool) -> FlightSightings:
 
     Args:
         flight: the sightings with the stated noise.
-        steadied: whether the poses come from the background; the aircraft's own err smoothly (`white_equivalent.py`).
+        steadied: whether the poses come from the background.
     """
-    found = rescaled(flight, no_better(fit_noise(flight, steadied=steadied), flight.noise))
-    return found if steadied else white_equivalent(found)
+    return rescaled(flight, no_better(fit_noise(flight, steadied=steadied), flight.noise))
 
 
 def rescaled(flight: FlightSightings, noise: NoiseModel) -> FlightSightings:

@@ -176,7 +176,7 @@ def simulate(
     heights = (
         camera.fy
         * walk.height_m
-        / seen[:, 2]
+        * _upright_projection(seen, world_from_true)
         * np.exp(noise.size_sigma * gauss_markov(t, noise.size_correlation_s, rng))
     )
     wrong = rng.random(n) < wrong_share
@@ -201,6 +201,13 @@ def simulate(
         camera_m,
         wrong,
     )
+
+
+def _upright_projection(seen_m: Vector, world_from_camera: Rotation) -> Vector:
+    """Length in tangents of the picture of an upright metre at places in camera axes (n, 3), (n,)."""
+    up = world_from_camera.inv().apply(np.array([0.0, 0.0, 1.0]))
+    ends = [(seen_m + half * up)[:, :2] / (seen_m + half * up)[:, 2:] for half in (-0.5, 0.5)]
+    return np.asarray(np.linalg.norm(ends[1] - ends[0], axis=1))
 
 
 def gauss_markov(t_s: Vector, correlation_s: float, rng: np.random.Generator) -> Vector:

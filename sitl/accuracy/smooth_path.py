@@ -1,8 +1,7 @@
 """Reported paths that err smoothly, as autopilots' do: a second-order Gauss-Markov process on each axis.
 
 Its correlation over a lag L is (1 + L / tau) exp(-L / tau), so that over a short lag the error changes in proportion to
-the lag. The sightings format's white noise plus random walk cannot state that; see
-`mission.estimate.white_equivalent`.
+the lag. The sightings format's white noise plus random walk cannot state that.
 """
 
 from __future__ import annotations

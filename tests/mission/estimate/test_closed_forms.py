@@ -1,4 +1,4 @@
-"""The closed forms: the paper's equations, and agreement with the batch on noise-free data of their own case."""
+"""The closed forms: the paper's equations, and agreement with the constant-velocity batch on noise-free data of their own case."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mission.errors import EstimateRefused
-from mission.estimate import ESTIMATORS, Batch
+from mission.estimate import ESTIMATORS, ConstantVelocity
 from mission.records import NoiseModel, TargetPrior
 from sitl.accuracy.flights import (
     PAPER_BASELINES_M,
@@ -58,7 +58,7 @@ def test_a_closed_form_agrees_with_the_batch_on_its_own_case(
     method: str, pattern: Pattern, velocity: tuple[float, float, float]
 ) -> None:
     sim = noise_free(pattern, velocity)
-    closed, batch = ESTIMATORS[method].estimate(sim.flight), Batch().estimate(sim.flight)
+    closed, batch = ESTIMATORS[method].estimate(sim.flight), ConstantVelocity().estimate(sim.flight)
     assert closed.depth_m == pytest.approx(sim.depth_m, rel=1e-9)
     assert closed.depth_m == pytest.approx(batch.depth_m, rel=1e-6)
     np.testing.assert_allclose(closed.position_enu_m, sim.target_m[-1], atol=1e-9)

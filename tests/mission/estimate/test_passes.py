@@ -10,7 +10,6 @@ import pytest
 
 from mission.errors import EstimateRefused
 from mission.estimate import Batch
-from mission.estimate.fuse import carry_on
 from mission.estimate.passes import SAME_TARGET_CHI2, Passes, surprise
 from mission.estimate.sightings_file import FlightProblem, read_flights, write_flight
 from mission.records import Estimate, FlightSightings
@@ -50,7 +49,7 @@ def test_the_first_pass_is_the_batch() -> None:
 
 def test_a_pass_with_what_was_carried_is_more_exact_than_alone_and_as_true() -> None:
     sigmas, errors, squared = [], [], []
-    for seed in range(25):
+    for seed in range(12):
         sims = procedure(seed)
         for sim, estimate in list(zip(sims, fused(sims), strict=True))[1:]:
             alone = Batch().estimate(sim.flight)
@@ -65,15 +64,6 @@ def test_a_pass_with_what_was_carried_is_more_exact_than_alone_and_as_true() -> 
     assert with_it < 0.8 * alone_error
     assert 1.2 < np.mean(squared) < 3.0
     assert np.mean(np.array(squared) < 5.99) > 0.85
-
-
-def test_a_longer_gap_leaves_less() -> None:
-    sims = procedure(3)
-    _, carried = carry_on(sims[0].flight)
-    later = [carried.at(carried.t_s + gap, 0.02, 0.03).covariance for gap in (1.0, 8.0, 60.0)]
-    areas = [float(np.linalg.det(covariance[:2, :2])) for covariance in later]
-    assert areas == sorted(areas)
-    assert areas[-1] > 100.0 * areas[0]
 
 
 def test_a_bias_that_all_passes_share_is_not_averaged_out() -> None:
@@ -120,11 +110,11 @@ def test_another_target_stands_for_itself() -> None:
 
 def test_targets_that_move_as_expected_are_hardly_ever_taken_for_another() -> None:
     values = []
-    for seed in range(30):
+    for seed in range(12):
         first, second, _ = procedure(seed + 40)
-        values.append(surprise(carry_on(first.flight)[1], carry_on(second.flight)[1], second.flight))
+        values.append(surprise(Batch().estimate(first.flight), Batch().estimate(second.flight)))
     assert max(values) < SAME_TARGET_CHI2
-    assert 2.0 < np.mean(values) < 6.5  # 5 degrees of freedom, less what both share
+    assert 0.1 < np.mean(values) < 3.0  # 2 degrees of freedom, less what both share
 
 
 @pytest.mark.parametrize("continues", ["2", "nobody"])
