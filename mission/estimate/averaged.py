@@ -1,8 +1,9 @@
 """The evidence of a flight averaged: range, motion, pose and noise, to one mean and covariance of the target.
 
-Stages: a coarse grid of ranges over all hypotheses; how far the sightings' own noise is from what is stated (bearing
-across, up, and size: each the maximum of the evidence times a log-normal prior); then a fine grid where the evidence is,
-over three levels of the pose's errors. The mean and covariance are those of the whole mixture.
+Stages: where the evidence is at all, by a few hypotheses on grids of ranges that become finer; how far the sightings'
+own noise is from what is stated (bearing across, up, and size: each the maximum of the evidence times a log-normal
+prior); then all hypotheses on a fine grid, over three levels of the pose's errors. The mean and covariance are those
+of the whole mixture.
 """
 
 from __future__ import annotations
@@ -74,8 +75,8 @@ def averaged(model: MarginalModel) -> Averaged:
     ranges = np.geomspace(max(_NEAREST * travel, _NEAREST_M), max(_FARTHEST * travel, 10.0 * _NEAREST_M), _COARSE)
     whole = ranges
     everything = np.arange(len(model.hypotheses))
-    found = _resolved(model, whole, Factors(), everything[: _INTENSITIES_TRIED : 2])
-    factors, poses = _noise(model, found.lines, found.evidence, everything[: _INTENSITIES_TRIED : 2])
+    found = _resolved(model, whole, Factors(), everything[:_INTENSITIES_TRIED:2])
+    factors, poses = _noise(model, found.lines, found.evidence, everything[:_INTENSITIES_TRIED:2])
     # Other noise makes another width, so the search begins again, somewhat around what was found.
     usual = replace(factors, pose=poses[1][0])
     low, high = found.limits
@@ -105,24 +106,24 @@ def averaged(model: MarginalModel) -> Averaged:
         motion.append(likely[nodes.place[rows, 1]])
         variant.append(nodes.variant[rows])
         places.append(nodes.place[rows, 0])
-    share = np.concatenate(kept)
-    share /= share.sum()
+    shares = np.concatenate(kept)
+    shares /= shares.sum()
     target = np.concatenate(means)
-    mean = share @ target
+    mean = shares @ target
     spread = target - mean
-    covariance = np.einsum("k,kij->ij", share, np.concatenate(covariances)) + (spread * share[:, None]).T @ spread
+    covariance = np.einsum("k,kij->ij", shares, np.concatenate(covariances)) + (spread * shares[:, None]).T @ spread
     size, variance = np.concatenate(sizes).T
-    log_height = float(share @ size)
-    log_height_sigma = math.sqrt(float(share @ (variance + np.square(size - log_height))))
-    by_range = np.bincount(np.concatenate(places), share, len(ranges))
+    log_height = float(shares @ size)
+    log_height_sigma = math.sqrt(float(shares @ (variance + np.square(size - log_height))))
+    by_range = np.bincount(np.concatenate(places), shares, len(ranges))
     near = ranges[by_range > 0.13 * by_range.max()]
     motions: dict[MotionKind, float] = {}
-    for place, chance in enumerate(np.bincount(np.concatenate(motion), share)):
+    for place, chance in enumerate(np.bincount(np.concatenate(motion), shares)):
         if chance > 0.0:
             kind = model.hypotheses[place].kind
             motions[kind] = motions.get(kind, 0.0) + float(chance)
     heights: dict[str, float] = {}
-    for number, chance in enumerate(np.bincount(np.concatenate(variant), share)):
+    for number, chance in enumerate(np.bincount(np.concatenate(variant), shares)):
         kind_of_height = model.variants[number].size.kind
         heights[kind_of_height] = heights.get(kind_of_height, 0.0) + float(chance)
     return Averaged(
@@ -187,15 +188,15 @@ def _noise(
     motion = tried[best_motion : best_motion + 1]
     factors = Factors()
     sized = bool(model.knots.sized.any())
-    for tried in (_TRIED, _TRIED_AGAIN):
+    for steps in (_TRIED, _TRIED_AGAIN):
         for channel in ("across", "up", "size") if sized else ("across", "up"):
-            logs = math.log(getattr(factors, channel)) + tried
+            logs = np.asarray(math.log(getattr(factors, channel)) + steps, dtype=np.float64)
             values = [
                 float(model.evidence(line, replace(factors, **{channel: math.exp(log)}), motion).log[0, 0])
                 - 0.5 * (log / _NOISE_SPREAD) ** 2
                 for log in logs
             ]
-            factors = replace(factors, **{channel: math.exp(_vertex(logs, np.array(values)))})
+            factors = replace(factors, **{channel: math.exp(_vertex(logs, np.array(values, dtype=np.float64)))})
     # The common factor of a header's honesty, from the two channels that only the tracker disturbs.
     told = [math.log(factors.up)] + ([math.log(factors.size)] if sized else [])
     channel_variance = _OWN_SPREAD**2 + _FITTED_SPREAD**2

@@ -62,8 +62,8 @@ def estimate_together(flights: Sequence[FlightSightings]) -> Estimate:
     """One estimate from one flight's sightings, or from several passes that continue each other.
 
     Args:
-        flights: passes in time order, in the same local frame and on the same clock; noise and prior are the last one's,
-            and first position and time those of the last one's first sighting.
+        flights: passes in time order, in the same local frame and on the same clock; noise and prior are the last
+            one's, and the first position holds for the last one's first sighting.
 
     Raises:
         EstimateRefused: the sightings do not determine a position; it says why and what would help.
@@ -82,7 +82,10 @@ def estimate_together(flights: Sequence[FlightSightings]) -> Estimate:
         )
     try:
         # Small matrices: more threads than one would only wait for each other.
-        with _BLAS.limit(limits=1, user_api="blas"), np.errstate(all="ignore"):  # what overflows ends as a singular matrix, and that is refused
+        with (
+            _BLAS.limit(limits=1, user_api="blas"),
+            np.errstate(all="ignore"),
+        ):  # what overflows ends as a singular matrix, and that is refused
             kept, chi2, freedom = _plausible(flight, seen)
             asked_s = last.sightings[0].t_s - seen.start_s
             model = MarginalModel(kept, flight.noise, flight.prior, size_priors(flight.prior), asked_s)

@@ -1,4 +1,4 @@
-"""The default estimator: maximum a posteriori over all sightings, target and camera errors jointly.
+"""The most probable state of a target at constant velocity: maximum a posteriori, target and camera errors jointly.
 
 From several starts (`starts.py`) the joint model (`joint_model.py`) is minimised by Gauss-Newton; wrong sightings
 are taken out (`wrong_sightings.py`); the covariance is the inverse of the information at the minimum with everything
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from mission.errors import EstimateRefused
 from mission.estimate.arrow import NotPositiveDefinite
 from mission.estimate.gauss_newton import Minimum, minimise
-from mission.estimate.joint_model import WHITE, BorderPrior, JointModel
+from mission.estimate.joint_model import WHITE, JointModel
 from mission.estimate.observations import Observations, observe, tamed_noise, tamed_prior
 from mission.estimate.posterior import to_estimate
-from mission.estimate.starts import Start, Starts, find_starts, meets_behind
+from mission.estimate.starts import Start, find_starts, meets_behind
 from mission.estimate.wrong_sightings import PIXEL_LIMIT, SIZE_LIMIT, blunder_scores, plausible, worst
 from mission.records import Estimate, FlightSightings, Vector
 
@@ -55,21 +55,18 @@ class ConstantVelocity:
             ) from None
 
 
-def most_probable(
-    flight: FlightSightings, seen: Observations, carried: BorderPrior | None = None
-) -> tuple[JointModel, Minimum]:
+def most_probable(flight: FlightSightings, seen: Observations) -> tuple[JointModel, Minimum]:
     """The lowest minimum that the starts lead to, over the sightings that fit it.
 
     Args:
         flight: its noise model and prior are used.
         seen: its observations, three at least.
-        carried: what earlier flights say, in place of the prior; one more place to start from.
 
     Raises:
         EstimateRefused: no start leads anywhere, or the sightings contradict each other.
         NotPositiveDefinite: something is not observable.
     """
-    found = find_starts(seen, flight.noise, flight.prior) if carried is None else _carried_starts(flight, seen, carried)
+    found = find_starts(seen, flight.noise, flight.prior)
     kept = seen if found.right.all() and found.sized.all() else seen.only(found.right, found.sized)
     best: tuple[JointModel, Minimum] | None = None
     refused = EstimateRefused("No distance explains the sightings", "Check the camera's mounting.")
@@ -77,7 +74,7 @@ def most_probable(
         if best is not None and start.cost > found.starts[0].cost + _RIVAL:
             break
         try:
-            candidate = _from_start(JointModel(kept, flight.noise, flight.prior, carried), start)
+            candidate = _from_start(JointModel(kept, flight.noise, flight.prior), start)
         except EstimateRefused as error:
             refused = error
             continue
@@ -104,20 +101,6 @@ def most_probable(
             "Check that one and the same person was tracked, and the camera's calibration and mounting.",
         )
     return model, minimum
-
-
-def _carried_starts(flight: FlightSightings, seen: Observations, carried: BorderPrior) -> Starts:
-    """The carried state as a start, and those of the sightings themselves where they have any."""
-    speed = np.array((*(flight.prior.speed_sigma_m_s,) * 2, flight.prior.vertical_speed_sigma_m_s))
-    every = np.ones(len(seen.t_s), dtype=bool)
-    try:
-        found = find_starts(seen, flight.noise, flight.prior)
-    except EstimateRefused:
-        found = Starts((), every, every)
-    cost = found.starts[0].cost if found.starts else 0.0
-    unjudged = np.zeros((2, len(every)))
-    known = Start(carried.mean[:3], carried.mean[3:6] * speed, float(carried.mean[6]), cost, unjudged[0], unjudged)
-    return Starts((known, *found.starts), found.right, found.sized)
 
 
 def _worth(candidate: tuple[JointModel, Minimum]) -> float:

@@ -85,9 +85,7 @@ class Linearised:
 class JointModel:
     """Residuals and normal equations of one flight's observations under a noise model and a prior."""
 
-    def __init__(
-        self, seen: Observations, noise: NoiseModel, prior: TargetPrior, carried: BorderPrior | None = None
-    ) -> None:
+    def __init__(self, seen: Observations, noise: NoiseModel, prior: TargetPrior) -> None:
         self.seen = seen
         self.noise = noise
         self.prior = prior
@@ -112,12 +110,11 @@ class JointModel:
         self.prior_diagonal, self.prior_below = self._chain_prior()
         self._prior_own = np.einsum("nbb->nb", self.prior_diagonal).copy()
         self._prior_off = np.einsum("nbb->nb", self.prior_below).copy()
-        self.known_before = carried is not None
-        self.carried = carried or self._border_prior()
+        self.border_prior = self._known_border()
 
     def over(self, seen: Observations) -> JointModel:
         """The same model over other sightings of the flight."""
-        return JointModel(seen, self.noise, self.prior, self.carried if self.known_before else None)
+        return JointModel(seen, self.noise, self.prior)
 
     @property
     def measurements(self) -> int:
@@ -127,8 +124,6 @@ class JointModel:
     @property
     def freedom(self) -> int:
         """Degrees of freedom of the chi-square at the minimum: measured numbers less unknowns without a prior."""
-        if self.known_before:
-            return self.measurements
         given = (self.prior.ground_up_m is not None) + (self.any_size and self.prior.height_m is not None)
         return self.measurements + given - (4 if self.any_size else 3)
 
@@ -203,9 +198,9 @@ class JointModel:
             own[missing, 2, self.size_place] = 1.0
         weighted = self.weighted(residual[:, :, None])[:, :, 0]
         pull = self._prior_times(chain)
-        surprise = border - self.carried.mean
+        surprise = border - self.border_prior.mean
         cost = float(np.vdot(residual, weighted) + np.vdot(chain, pull))
-        cost += float(surprise @ self.carried.information @ surprise)
+        cost += float(surprise @ self.border_prior.information @ surprise)
         return Linearised(state, cost, residual, own, shared, weighted, pull)
 
     def _turned(self, cosine: Matrix, sine: Matrix) -> Matrix:
@@ -256,20 +251,22 @@ class JointModel:
         weighted = np.concatenate((self.weighted(shared), at.weighted[:, :, None]), axis=2)
         by_chain = np.matmul(transposed, weighted)
         by_border = shared.reshape(-1, BORDER).T @ weighted.reshape(-1, BORDER + 1)
-        border = by_border[:, :BORDER] + self.carried.information
+        border = by_border[:, :BORDER] + self.border_prior.information
         coupling = by_chain[:, :, :BORDER].reshape(count * size, BORDER)
         chain_gradient = by_chain[:, :, BORDER] + at.prior_pull
-        border_gradient = by_border[:, BORDER] + self.carried.information @ (at.state.border - self.carried.mean)
+        border_gradient = by_border[:, BORDER] + self.border_prior.information @ (
+            at.state.border - self.border_prior.mean
+        )
         return factor(diagonal, below, coupling, border), -chain_gradient.reshape(-1), -border_gradient
 
     def gradient(self, at: Linearised) -> tuple[Vector, Vector]:
         """Half the gradient of the cost by chain (n * b,) and border (9,)."""
         own = np.matmul(np.swapaxes(at.chain_jacobian, 1, 2), at.weighted[:, :, None])[:, :, 0]
         shared = at.border_jacobian.reshape(-1, BORDER).T @ at.weighted.reshape(-1)
-        surprise = at.state.border - self.carried.mean
-        return (own + at.prior_pull).reshape(-1), shared + self.carried.information @ surprise
+        surprise = at.state.border - self.border_prior.mean
+        return (own + at.prior_pull).reshape(-1), shared + self.border_prior.information @ surprise
 
-    def _border_prior(self) -> BorderPrior:
+    def _known_border(self) -> BorderPrior:
         """What is known of the border before the first sighting."""
         prior, mean = self.prior, np.zeros(BORDER)
         known = np.array((0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0 if self.any_size else 1.0, 1.0, 1.0))

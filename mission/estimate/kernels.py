@@ -21,28 +21,28 @@ def exponential(t_s: Vector, correlation_s: float) -> Matrix:
 
 def random_walk(t_s: Vector) -> Matrix:
     """A random walk that is zero at t = 0 and grows by unit variance each second, before and after, (n, n)."""
-    return _one_side(t_s, t_s) * np.minimum(np.abs(t_s[:, None]), np.abs(t_s))
+    return np.asarray(_one_side(t_s, t_s) * np.minimum(np.abs(t_s[:, None]), np.abs(t_s)))
 
 
 def integrated_random_walk(t_s: Vector, other_s: Vector) -> Matrix:
     """Place whose velocity is a unit random walk, both zero at t = 0, (n, m)."""
     t, other = np.abs(t_s[:, None]), np.abs(other_s)
     first, last = np.minimum(t, other), np.maximum(t, other)
-    return _one_side(t_s, other_s) * first * first * (3.0 * last - first) / 6.0
+    return np.asarray(_one_side(t_s, other_s) * first * first * (3.0 * last - first) / 6.0)
 
 
 def random_walk_by_place(t_s: Vector, other_s: Vector) -> Matrix:
     """Covariance of a unit random walk at `t_s` (rows) with its integral at `other_s` (columns), (n, m)."""
     other = np.abs(other_s)
     first = np.minimum(np.abs(t_s[:, None]), other)
-    return _one_side(t_s, other_s) * np.sign(other_s) * (first * other - 0.5 * first * first)
+    return np.asarray(_one_side(t_s, other_s) * np.sign(other_s) * (first * other - 0.5 * first * first))
 
 
 def twice_integrated_random_walk(t_s: Vector, other_s: Vector) -> Matrix:
     """Place whose acceleration is a unit random walk, all zero at t = 0, (n, m)."""
     t, other = np.abs(t_s[:, None]), np.abs(other_s)
     first, lag = np.minimum(t, other), np.abs(t - other)
-    return _one_side(t_s, other_s) * (first**5 / 20.0 + lag * first**4 / 8.0 + lag**2 * first**3 / 12.0)
+    return np.asarray(_one_side(t_s, other_s) * (first**5 / 20.0 + lag * first**4 / 8.0 + lag**2 * first**3 / 12.0))
 
 
 def _one_side(t_s: Vector, other_s: Vector) -> Matrix:

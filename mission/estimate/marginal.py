@@ -165,7 +165,7 @@ class MarginalModel:
 
     def linearised(self, ranges_m: Vector) -> Linearised:
         """About the most probable path for each range (R,), for a walker who may well wander."""
-        path = ranges_m[:, None, None] * (self._relative_range()[:, None] * self._sight())[None]
+        path = ranges_m[:, None, None] * (self._relative_range()[:, None] * self.geometry.rays)[None]
         for _ in range(2):
             path = self._improved(self.geometry.linearised(ranges_m, path))
         return self.geometry.linearised(ranges_m, path)
@@ -249,7 +249,8 @@ class MarginalModel:
         log = log - 0.5 * (reduced[..., COLUMNS, COLUMNS] - (right * mean).sum(axis=2))
         # The prior is uniform over directions and the logarithm of the range; across and up are in metres.
         log = log - 2.0 * np.log(lines.ranges_m)[:, None]
-        return Evidence(np.where(np.isfinite(log), log, -np.inf), mean, covariance, solved, inner)
+        finite = np.asarray(np.where(np.isfinite(log), log, -np.inf), dtype=np.float64)
+        return Evidence(finite, mean, np.asarray(covariance, dtype=np.float64), solved, inner)
 
     def nodes(self, found: Evidence, factors: Factors, below: float) -> Nodes:
         """All variants of the prior at the ranges and hypotheses whose evidence is at most `below` under the best."""
@@ -315,8 +316,8 @@ class MarginalModel:
         """The deviation's modes and what they say of the end.
 
         Returns:
-            Modes at the knots (k, m); each hypothesis' root in them and the posture (H, 2 m + 1, 2 m + 1); by the modes the
-            nine numbers of `TargetMoments` (H, 9, 2 m + 1); and what the modes leave of those numbers' covariance (H, 9, 9).
+            Modes at the knots (k, m); each hypothesis' root in them and the posture (H, 2 m + 1, 2 m + 1); by the modes
+            the nine numbers of `TargetMoments` (H, 9, 2 m + 1); and what they leave of their covariance (H, 9, 9).
         """
         places = np.array([h.place for h in self.hypotheses])
         scale = np.array([max(float(np.trace(p)), 1e-12) for p in places])
@@ -369,12 +370,8 @@ class MarginalModel:
                 target[r, :, axis] += np.interp(t, self.knots.t_s, wander[r, :, axis])
         return _held(target - (self.camera_m - self.camera_m[self.first]), lines, self.first)
 
-    def _sight(self) -> Matrix:
-        """Directions to the target, (n, 3)."""
-        return self.geometry.rays
-
     def _relative_range(self) -> Vector:
-        """Distance over the hypothesised one, by the apparent heights (a running median and mean of their logarithms), (n,)."""
+        """Distance over the hypothesised one, by the apparent heights (running median and mean of their logarithms)."""
         t, sized = self.t_s, self.seen.size_scale > 0.0
         if int(sized.sum()) < 5:
             return np.ones(len(t))
@@ -393,7 +390,7 @@ def _log_det(matrices: Matrix) -> Matrix:
 
 
 def _held(path: Matrix, lines: Linearised, held: int) -> Matrix:
-    """The improved path, the range of the sighting `held` kept, no step of the range larger than a factor of two, never behind."""
+    """The improved path, the range of the sighting `held` kept, no step larger than a factor of two, never behind."""
     before = np.linalg.norm(lines.path_m, axis=2, keepdims=True)
     far = np.linalg.norm(path, axis=2, keepdims=True)
     ahead = np.einsum("rnj,rnj->rn", path, lines.path_m)[..., None] > 0.3 * before * before

@@ -55,7 +55,7 @@ def compare_motions(model: JointModel, minimum: Minimum) -> MotionProbabilities 
     Raises:
         NotPositiveDefinite: the information is singular.
     """
-    if model.manoeuvres or model.known_before or model.speed_sigma.min() < _LEAST_SPEED_SIGMA:
+    if model.manoeuvres or model.speed_sigma.min() < _LEAST_SPEED_SIGMA:
         return None
     velocity = minimum.at.state.border[V]  # in units of the prior's sigma
     covariance = minimum.factored.border_covariance()[V, V]

@@ -57,8 +57,7 @@ class Hypothesis:
     kind: MotionKind
     log_prior: float
     place: Matrix
-    """(k + 2, k + 2), covariance per horizontal axis of the deviation at the knots, and of the deviation and its rate at
-    the last sighting."""
+    """(k + 2, k + 2), covariance per axis of the deviation at the knots, and of it and its rate at the end."""
     posture: Vector | None = None
     """(n,), the share of a change of posture that is done at each sighting."""
 

@@ -37,7 +37,7 @@ class LeastSquaresProblem:
         diagonal = np.einsum("nbb->nb", self.model.prior_diagonal)
         off = np.einsum("nbb->nb", self.model.prior_below)
         self.priors = np.stack([_whitener(diagonal[:, place], off[:, place]) for place in range(b)])
-        self.border_root = np.sqrt(np.diag(self.model.carried.information))
+        self.border_root = np.sqrt(np.diag(self.model.border_prior.information))
         pattern = lil_matrix((3 * n + n * b + BORDER, n * b + BORDER), dtype=int)
         for i in range(n):
             # The whiteners are upper bidiagonal: row i takes what belongs to sightings i and i + 1.

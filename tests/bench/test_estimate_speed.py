@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from mission.estimate import Batch
+from mission.estimate import Batch, ConstantVelocity
+from mission.estimate.batch import estimate_together
 from mission.estimate.bound import bound
-from mission.estimate.fuse import carry_on
 from mission.estimate.noise_fit import fit_noise
 from mission.records import FlightSightings, TargetPrior
 from sitl.accuracy.flights import PAPER_CAMERA, SimulatedFlight, Walk, out_and_back, simulate
@@ -28,6 +28,13 @@ def test_batch(benchmark: BenchmarkFixture, count: int) -> None:
     assert estimate.depth_m == pytest.approx(sim.depth_m, rel=0.15)
 
 
+@pytest.mark.parametrize("count", [60, 121, 600])
+def test_constant_velocity(benchmark: BenchmarkFixture, count: int) -> None:
+    sim = flight_of(count)
+    estimate = benchmark(ConstantVelocity().estimate, sim.flight)
+    assert estimate.depth_m == pytest.approx(sim.depth_m, rel=0.15)
+
+
 def test_batch_with_a_tenth_of_wrong_sightings(benchmark: BenchmarkFixture) -> None:
     sim = flight_of(60, wrong_share=0.1)
     estimate = benchmark(Batch().estimate, sim.flight)
@@ -38,7 +45,7 @@ def test_scipy_least_squares_on_the_same_residuals(benchmark: BenchmarkFixture) 
     sim = flight_of(60)
     problem = LeastSquaresProblem(sim.flight)
     state = benchmark.pedantic(problem.solve, rounds=2, iterations=1)  # type: ignore[no-untyped-call]
-    ours = Batch().estimate(sim.flight)
+    ours = ConstantVelocity().estimate(sim.flight)
     assert float(np.hypot(*state.border[:2])) == pytest.approx(ours.depth_m, rel=0.02)
 
 
@@ -47,12 +54,11 @@ def test_fit_noise(benchmark: BenchmarkFixture) -> None:
     assert benchmark(fit_noise, flight).pixel_sigma_px > 0.0
 
 
-def test_a_second_pass_with_what_the_first_left(benchmark: BenchmarkFixture) -> None:
+def test_two_passes_together(benchmark: BenchmarkFixture) -> None:
     first, second = repeated_passes(
         out_and_back(), (8.0,), Walk(9.0, (0.4, 0.2, 0.0)), np.random.default_rng(1), between_psd_m2_s3=0.02
     )
-    _, carried = carry_on(first.flight)
-    estimate, _ = benchmark(carry_on, second.flight, carried)
+    estimate = benchmark(estimate_together, (first.flight, second.flight))
     assert estimate.depth_m == pytest.approx(second.depth_m, rel=0.15)
 
 

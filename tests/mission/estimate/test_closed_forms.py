@@ -1,4 +1,4 @@
-"""The closed forms: the paper's equations, and agreement with the constant-velocity batch on noise-free data of their own case."""
+"""The closed forms: the paper's equations, and agreement with `constant-velocity` on noise-free data."""
 
 from __future__ import annotations
 
