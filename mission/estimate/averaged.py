@@ -71,7 +71,7 @@ def averaged(model: MarginalModel) -> Averaged:
     Raises:
         numpy.linalg.LinAlgError: the sightings determine nothing.
     """
-    travel = float(np.linalg.norm(np.ptp(model.camera_m, axis=0)))
+    travel = 2.0 * float(np.linalg.norm(model.camera_m - model.camera_m.mean(axis=0), axis=1).max())
     ranges = np.geomspace(max(_NEAREST * travel, _NEAREST_M), max(_FARTHEST * travel, 10.0 * _NEAREST_M), _COARSE)
     whole = ranges
     everything = np.arange(len(model.hypotheses))

@@ -23,6 +23,7 @@ _LOOKS = {
     "UKF": ("#e69f00", "P"),
     "bearing-angle": ("#009e73", "X"),
     "least_squares": ("#cc79a7", "*"),
+    "constant-velocity": ("#f0e442", "h"),
     "batch": ("#0072b2", "o"),
 }
 

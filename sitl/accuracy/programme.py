@@ -34,6 +34,7 @@ _METHODS: tuple[Estimator, ...] = (
     *_STONE_SOUP,
     BearingAngle(),
     _LEAST_SQUARES,
+    ESTIMATORS["constant-velocity"],
     ESTIMATORS["batch"],
 )
 METHODS: Mapping[str, Estimator] = {method.name: method for method in _METHODS}

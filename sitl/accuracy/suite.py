@@ -129,8 +129,8 @@ def suite(flights: int, seed: int, tell: Callable[[], None] | None = None) -> It
     walks = summary(flights, seed, tell)
     pattern = "out-and-back and S, walks in 7 directions, 2.75 to 25 m: "
     yield _at_most(pattern + "median depth error, %", walks.median_percent, 2.1)
-    yield _at_most(pattern + "95th percentile, %", walks.p95_percent, 5.8)
-    yield _at_most(pattern + "rms error over the bound", walks.over_bound, 1.05, digits=3)
+    yield _at_most(pattern + "95th percentile, %", walks.p95_percent, 6.2)
+    yield _at_most(pattern + "rms error over the bound", walks.over_bound, 1.15, digits=3)
     yield _at_most(pattern + "refused", walks.refused, 0)
     drawn = pool(drawn_flights(MOVING, flights, seed), tell=tell)
     yield _within("velocities from the prior: 95 % ellipse right, %", drawn.inside_percent, 92.0, 97.0)

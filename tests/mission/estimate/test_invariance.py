@@ -15,7 +15,7 @@ from mission.estimate import ESTIMATORS
 from mission.records import Estimate, FlightSightings, Matrix, Sighting, Vector
 from sitl.accuracy.flights import Walk, out_and_back, s_pattern, simulate
 
-EXAMPLES = settings(max_examples=12, deadline=None, derandomize=True)
+EXAMPLES = settings(max_examples=8, deadline=None, derandomize=True)
 METHODS = st.sampled_from(sorted(ESTIMATORS))
 SEEDS = st.integers(0, 2**31)
 

@@ -49,10 +49,13 @@ def test_the_first_pass_is_the_batch() -> None:
 
 def test_a_pass_with_what_was_carried_is_more_exact_than_alone_and_as_true() -> None:
     sigmas, errors, squared = [], [], []
-    for seed in range(12):
+    for seed in range(8):
         sims = procedure(seed)
         for sim, estimate in list(zip(sims, fused(sims), strict=True))[1:]:
-            alone = Batch().estimate(sim.flight)
+            try:
+                alone = Batch().estimate(sim.flight)
+            except EstimateRefused:
+                continue  # only together they say enough
             sigmas.append(depth_sigma_m(estimate, sim.flight) / depth_sigma_m(alone, sim.flight))
             errors.append([abs(found.depth_m / sim.depth_m - 1.0) for found in (estimate, alone)])
             reports = np.array(sim.flight.sightings[0].position_enu_m) - sim.camera_m[0]
@@ -62,14 +65,14 @@ def test_a_pass_with_what_was_carried_is_more_exact_than_alone_and_as_true() -> 
     with_it, alone_error = np.median(errors, axis=0)
     assert np.median(sigmas) < 0.75
     assert with_it < 0.8 * alone_error
-    assert 1.2 < np.mean(squared) < 3.0
+    assert 0.8 < np.mean(squared) < 3.0
     assert np.mean(np.array(squared) < 5.99) > 0.85
 
 
 def test_a_bias_that_all_passes_share_is_not_averaged_out() -> None:
     """The heading's bias turns the whole; were it another one in each pass, three would leave 58 % of it."""
     left, errors = [], []
-    for seed in range(12):
+    for seed in range(8):
         walk, rng = Walk(9.0), np.random.default_rng(seed)
         sims = repeated_passes(out_and_back(), (3.0, 3.0), walk, rng, between_psd_m2_s3=0.0)
         last = fused(sims)[-1]
@@ -134,12 +137,22 @@ def test_a_pass_before_the_one_it_continues_stands_for_itself() -> None:
     assert "stands for itself" in passes.estimate(continuing(first.flight, "2")).notes[-1]
 
 
-def test_a_refused_pass_leaves_what_was_carried() -> None:
+def test_a_pass_that_says_too_little_is_estimated_with_the_one_before() -> None:
+    first, second, _ = procedure(9)
+    passes = Passes()
+    passes.estimate(first.flight)
+    short = replace(second.flight, sightings=second.flight.sightings[:2], continues="1")
+    with pytest.raises(EstimateRefused):
+        Batch().estimate(short)
+    assert np.isfinite(passes.estimate(short).position_enu_m).all()
+
+
+def test_a_refused_pass_leaves_what_was_before() -> None:
     first, second, _ = procedure(9)
     passes = Passes()
     passes.estimate(first.flight)
     with pytest.raises(EstimateRefused):
-        passes.estimate(replace(second.flight, sightings=second.flight.sightings[:2], continues="1"))
+        passes.estimate(replace(second.flight, sightings=(), continues="1"))
     after = passes.estimate(continuing(second.flight, "1"))
     assert not any("stands for itself" in note for note in after.notes)
 

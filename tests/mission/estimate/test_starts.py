@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mission.estimate import Batch
+from mission.estimate import ConstantVelocity
 from mission.estimate.observations import observe
 from mission.estimate.starts import find_starts
 from mission.records import NoiseModel
@@ -63,6 +63,6 @@ def test_a_restless_flight_with_a_tenth_of_wrong_sightings_is_as_exact_as_withou
         for share, errors in ((0.0, clean), (0.1, spoilt)):
             rng = np.random.default_rng(seed)
             sim = simulate(out_and_back(20.0), walk, rng, noise=RESTLESS, wrong_share=share)
-            errors.append(abs(Batch().estimate(sim.flight).depth_m / sim.depth_m - 1.0))
+            errors.append(abs(ConstantVelocity().estimate(sim.flight).depth_m / sim.depth_m - 1.0))
     assert np.median(spoilt) < 1.5 * np.median(clean)
     assert np.max(spoilt) < 1.5 * np.max(clean)
