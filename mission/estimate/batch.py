@@ -34,7 +34,8 @@ _GENEROUS_PSD: Final = 0.3
 _NOISIER: Final = (1.5, 3.0, 6.0)
 """Factors of the stated noise under which sightings are judged, the next where too few are right under one."""
 _MOST_RIGHT: Final = 0.8
-_UNLIKELY: Final = 0.05
+_NOTHING_ELSE: Final = 0.95
+"""Probability of wandering at which it may stand for a camera that is turned round."""
 _MISSTATED: Final = 1.6
 """A factor of the stated noise beyond this, or one over it, is told."""
 _CONTRADICTED: Final = 0.1
@@ -101,7 +102,7 @@ def estimate_together(flights: Sequence[FlightSightings]) -> Estimate:
         raise EstimateRefused(
             "The sightings do not determine a position", "Fly further sideways, and keep the target in view."
         )
-    if found.motions.get("steady", 0.0) < _UNLIKELY and meets_behind(kept, flight.noise, flight.prior):
+    if found.motions.get("wandering", 0.0) > _NOTHING_ELSE and meets_behind(kept, flight.noise, flight.prior):
         raise EstimateRefused(
             "The lines of sight meet behind the camera",
             "Check the camera's mounting, and that the quaternion is world_from_camera with w first.",

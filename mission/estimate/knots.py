@@ -16,7 +16,7 @@ import numpy as np
 from mission.estimate.observations import Observations
 from mission.records import Matrix, Vector
 
-_WINDOW_S = 0.25
+_WINDOW_S = 0.35
 _FEWEST, _MOST = 12, 60
 
 

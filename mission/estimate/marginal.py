@@ -31,7 +31,7 @@ from mission.estimate.range_model import COLUMNS, HEADING, RISE, SIZE, SPEED, TI
 from mission.estimate.size_prior import SizePrior
 from mission.records import Matrix, NoiseModel, TargetPrior, Vector
 
-_MODES = 10
+_MODES = 8
 _MOST_MODES = 18
 _MODE_S = 0.6
 """One mode for each of this many seconds, ten at least."""

@@ -44,7 +44,7 @@ _TURNS, _TURNING, _TURN_SIGMA_M_S, _TURN_S = 8, 0.14, 1.2, 0.8
 """Times tried, probability of all of them, change of velocity per axis, and how long it takes."""
 _WEAVING: Final = ((1.6, 0.3, 0.015), (2.6, 0.2, 0.015))
 """Angular rate (rad/s), amplitude's sigma (m) and probability."""
-_POSTURES, _POSTURE, _POSTURE_SIGMA, _POSTURE_S = 6, 0.05, 0.3, 0.8
+_POSTURES, _POSTURE, _POSTURE_SIGMA, _POSTURE_S = 4, 0.05, 0.3, 0.8
 """Times tried, probability of all of them, sigma of the change of the log height, and how long it takes."""
 SPEEDS: Final = ((0.05, 0.08), (1.0, 0.72), (2.5, 0.15), (8.0, 0.05))
 """The prior's speed sigma is multiplied by these, with these probabilities: some stand, some run or ride."""
