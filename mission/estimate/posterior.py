@@ -54,7 +54,7 @@ def to_estimate(flight: FlightSightings, model: JointModel, minimum: Minimum) ->
     velocity = moments.mean[6:]
     return Estimate(
         id=flight.id,
-        method="batch",
+        method="constant-velocity",
         model="manoeuvring" if model.manoeuvres else "constant-velocity",
         t_s=last,
         position_enu_m=seen.reference_m + moments.mean[3:6] + beyond * velocity,

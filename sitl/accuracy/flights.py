@@ -175,8 +175,7 @@ def simulate(
     )
     heights = (
         camera.fy
-        * walk.height_m
-        * _upright_projection(seen, world_from_true)
+        * _upright_projection(seen, world_from_true, walk.height_m)
         * np.exp(noise.size_sigma * gauss_markov(t, noise.size_correlation_s, rng))
     )
     wrong = rng.random(n) < wrong_share
@@ -203,11 +202,12 @@ def simulate(
     )
 
 
-def _upright_projection(seen_m: Vector, world_from_camera: Rotation) -> Vector:
-    """Length in tangents of the picture of an upright metre at places in camera axes (n, 3), (n,)."""
-    up = world_from_camera.inv().apply(np.array([0.0, 0.0, 1.0]))
-    ends = [(seen_m + half * up)[:, :2] / (seen_m + half * up)[:, 2:] for half in (-0.5, 0.5)]
-    return np.asarray(np.linalg.norm(ends[1] - ends[0], axis=1))
+def _upright_projection(seen_m: Vector, world_from_camera: Rotation, height_m: float) -> Vector:
+    """Length in tangents of the picture of an upright body centred at places in camera axes (n, 3), (n,)."""
+    half = world_from_camera.inv().apply(np.array([0.0, 0.0, 0.5 * height_m]))
+    above, below = seen_m + half, seen_m - half
+    ends = above[:, :2] / above[:, 2:] - below[:, :2] / below[:, 2:]
+    return np.asarray(np.linalg.norm(ends, axis=1))
 
 
 def gauss_markov(t_s: Vector, correlation_s: float, rng: np.random.Generator) -> Vector:

@@ -7,6 +7,7 @@ Z (Z / h + h / Z) e: at 1.5 m above the ground and 9 m away, half a degree is ha
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,10 +31,14 @@ class GroundRay:
         if len(sized) == 0:
             raise EstimateRefused("No sighting has a height, so there is no foot to follow", "Use another method.")
         k = int(sized[0])
-        # An upright body of height H at depth Z along the camera's axis: its foot is at Z (x, y, 1) + H/2 down, and
-        # H / Z is the measured height in tangents.
+        # An upright body of height H at depth Z along the camera's axis: its foot is at Z (x, y, 1) + H/2 down. With
+        # w = H / 2 Z and down = (a, b), its ends are at (u - w a) / (1 - w b) and (u + w a) / (1 + w b), and the measured
+        # height in tangents is their distance, 2 w |a - u b| / (1 - w^2 b^2).
         down = -seen.camera_from_world[k][:, 2]
-        foot = np.append(seen.measured[k, :2], 1.0) + 0.5 * float(np.exp(seen.measured[k, 2])) * down
+        centre, height = seen.measured[k, :2], float(np.exp(seen.measured[k, 2]))
+        slant = float(np.linalg.norm(down[:2] - centre * down[2]))
+        half = height / (slant + math.sqrt(slant**2 + (height * down[2]) ** 2))
+        foot = np.append(centre, 1.0) + half * down
         ray = seen.camera_from_world[k].T @ foot
         camera = seen.reference_m + seen.camera_m[k]
         if not (ray[2] < 0.0 and camera[2] > self.ground_up_m):

@@ -86,7 +86,7 @@ def test_a_person_is_located_in_any_direction_of_walk(velocity: tuple[float, flo
     scene = Scene(velocity=velocity)
     located = scene.run()
     truth = scene.walker.at(located.estimate.t_s)
-    assert np.linalg.norm(located.estimate.position_enu_m[:2] - truth[:2]) < 0.02
+    assert np.linalg.norm(located.estimate.position_enu_m[:2] - truth[:2]) < 0.12
     assert located.estimate.velocity_enu_m_s is not None
     np.testing.assert_allclose(located.estimate.velocity_enu_m_s[:2], velocity, atol=0.03)
 
@@ -330,7 +330,7 @@ def test_a_repeated_sidestep_follows_the_target_and_answers_each_time() -> None:
     assert [answer.flight.id for answer in scene.notes.answers] == ["test-1", "test-2"]
     assert scene.drone.calls == ["begin", "hover", "path", "path", "path", "hold"]
     truth = scene.walker.at(located.estimate.t_s)
-    assert np.linalg.norm(located.estimate.position_enu_m[:2] - truth[:2]) < 0.05
+    assert np.linalg.norm(located.estimate.position_enu_m[:2] - truth[:2]) < 0.15
     assert located.estimate.depth_m == pytest.approx(scene.notes.answers[0].estimate.depth_m, abs=1.5)
 
 

@@ -55,7 +55,7 @@ def test_every_method_can_be_chosen_and_leaves_null_what_it_cannot_give(path: Pa
     status, answers, _ = run(path, "--method", method)
     assert status == 0
     assert {answer["method"] for answer in answers} == {method}
-    assert (answers[0]["ce90_m"] is None) == (method != "batch")
+    assert (answers[0]["ce90_m"] is None) == (method not in ("batch", "constant-velocity"))
     assert answers[0]["depth_m"] is not None
 
 

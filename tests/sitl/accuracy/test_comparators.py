@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mission.errors import EstimateRefused
-from mission.estimate import Batch, Estimator
+from mission.estimate import ConstantVelocity, Estimator
 from mission.records import NoiseModel, TargetPrior
 from sitl.accuracy import stone_soup
 from sitl.accuracy.bearing_angle import BearingAngle
@@ -111,7 +111,7 @@ def test_the_ground_ray_refuses_the_sky_and_a_target_without_a_foot() -> None:
 
 def test_least_squares_ends_where_the_batch_does() -> None:
     sim = simulate(out_and_back(3.0), Walk(7.0, (0.3, -0.2, 0.0)), np.random.default_rng(5))
-    theirs, ours = LeastSquares().estimate(sim.flight), Batch().estimate(sim.flight)
+    theirs, ours = LeastSquares().estimate(sim.flight), ConstantVelocity().estimate(sim.flight)
     assert theirs.depth_m == pytest.approx(ours.depth_m, rel=2e-3)
     np.testing.assert_allclose(theirs.position_enu_m, ours.position_enu_m, atol=0.02)
 

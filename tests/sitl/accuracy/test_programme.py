@@ -64,7 +64,7 @@ def test_the_batch_is_at_the_bound_and_the_wrong_assumption_is_not() -> None:
 
 
 def test_all_methods_of_the_programme_are_there() -> None:
-    assert set(METHODS) == {*QUICK, "EKF", "UKF", "least_squares"}
+    assert set(METHODS) == {*QUICK, "EKF", "UKF", "constant-velocity", "least_squares"}
     assert set(available_methods()) >= {*QUICK, "least_squares"}
 
 
@@ -176,7 +176,7 @@ def test_wrong_arguments_are_refused(tmp_path: Path) -> None:
 
 
 def test_the_suite_measures_everything_that_the_batch_is_held_to() -> None:
-    held = list(suite(30, 7))
+    held = list(suite(14, 7))
     assert len(held) == 12
     assert sum(one.reached for one in held) >= 8  # of so few flights; the command's thousand are the measure
     result = run("--suite", "--flights", "6")
