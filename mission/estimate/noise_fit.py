@@ -70,16 +70,11 @@ _FACTORS = (
     _Factor(0.0, 0.0, 0.4),  # pixel
     _Factor(0.0, 0.0, 0.4),  # size
 )
-_STEADIED = (_Factor(0.0, 0.0, 1.0), *_FACTORS[1:])
-"""The same of poses by the background: how restless autopilots are says nothing about their headings, and the bundle
-knows about how well it did. Where the sightings do not tell (somebody comes nearer along the line of sight) an
-autopilot's restlessness came back here, ten times what is stated, and the distance was left to the size. The spread
-stays wide, for backgrounds that are not what they seem."""
 _REACH = math.log(20.0)
 """Natural logarithm of the largest factor."""
 
 
-def fit_noise(flight: FlightSightings, *, steadied: bool = False) -> NoiseModel:
+def fit_noise(flight: FlightSightings) -> NoiseModel:
     """The noise model, its sigmas scaled to what the flight shows; correlation times and biases stay.
 
     Where the flight does not determine a position the stated model comes back, since there is nothing to compare with.
@@ -87,9 +82,8 @@ def fit_noise(flight: FlightSightings, *, steadied: bool = False) -> NoiseModel:
     Args:
         flight: the sightings with the stated noise model. Sigmas of single sightings keep their ratios: scale them with
             `rescaled`.
-        steadied: whether the poses come from the background.
     """
-    factors = _STEADIED if steadied else _FACTORS
+    factors = _FACTORS
     stated = flight.noise
     flight = replace(flight, noise=tamed_noise(stated), prior=tamed_prior(flight.prior))
     seen = observe(flight)
@@ -130,11 +124,14 @@ def no_better(fitted: NoiseModel, stated: NoiseModel) -> NoiseModel:
 def supported(flight: FlightSightings, *, steadied: bool) -> FlightSightings:
     """The flight under the noise that it supports, ready to be estimated.
 
+    Poses by the background come with how well they are known, and the estimate averages over what that may be wrong
+    by. An autopilot's own may err ten times as much as another's, which is looked for first.
+
     Args:
         flight: the sightings with the stated noise.
         steadied: whether the poses come from the background.
     """
-    return rescaled(flight, no_better(fit_noise(flight, steadied=steadied), flight.noise))
+    return flight if steadied else rescaled(flight, no_better(fit_noise(flight), flight.noise))
 
 
 def rescaled(flight: FlightSightings, noise: NoiseModel) -> FlightSightings:

@@ -31,9 +31,9 @@ class GroundRay:
         if len(sized) == 0:
             raise EstimateRefused("No sighting has a height, so there is no foot to follow", "Use another method.")
         k = int(sized[0])
-        # An upright body of height H at depth Z along the camera's axis: its foot is at Z (x, y, 1) + H/2 down. With
-        # w = H / 2 Z and down = (a, b), its ends are at (u - w a) / (1 - w b) and (u + w a) / (1 + w b), and the measured
-        # height in tangents is their distance, 2 w |a - u b| / (1 - w^2 b^2).
+        # An upright body of height H at depth Z along the camera's axis: its foot is at Z (u, 1) + H/2 down. With
+        # w = H / 2 Z and down = (a, b), its ends are at (u - w a) / (1 - w b) and (u + w a) / (1 + w b), and the
+        # measured height in tangents is their distance, 2 w |a - u b| / (1 - w^2 b^2).
         down = -seen.camera_from_world[k][:, 2]
         centre, height = seen.measured[k, :2], float(np.exp(seen.measured[k, 2]))
         slant = float(np.linalg.norm(down[:2] - centre * down[2]))

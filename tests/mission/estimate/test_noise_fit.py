@@ -59,19 +59,29 @@ def test_a_good_pose_is_believed_and_a_rough_one_is_not() -> None:
     assert middle(good, "heading_sigma_rad") < 0.01
 
 
-def test_what_the_background_achieved_stands_where_nothing_speaks_against_it() -> None:
-    towards = Walk(8.0, (-0.02, -0.6, 0.0))
-    for seed in range(6):
-        flight = simulate(out_and_back(), towards, np.random.default_rng(seed), noise=STEADIED).flight
-        found = supported(flight, steadied=True).noise.heading_sigma_rad / STEADIED.heading_sigma_rad
-        assert 1.0 <= found < 1.5
-        assert found < fit_noise(flight).heading_sigma_rad / STEADIED.heading_sigma_rad, "an autopilot may be restless"
+def test_what_the_background_achieved_stands() -> None:
+    flight = simulate(out_and_back(), Walk(8.0), np.random.default_rng(1), noise=STEADIED).flight
+    assert supported(flight, steadied=True) == flight
 
 
-def test_a_background_that_moves_is_found_out() -> None:
+def test_a_background_that_moves_widens_the_ellipse() -> None:
     crooked = replace(STEADIED, heading_sigma_rad=0.03)
-    flight = simulate(out_and_back(), Walk(6.0), np.random.default_rng(1), noise=crooked, told=STEADIED).flight
-    assert supported(flight, steadied=True).noise.heading_sigma_rad > 4.0 * STEADIED.heading_sigma_rad
+    inside, sigmas = 0, []
+    for seed in range(12):
+        true, told = (
+            Batch().estimate(
+                simulate(out_and_back(), Walk(6.0), np.random.default_rng(seed), noise=noise, told=STEADIED).flight
+            )
+            for noise in (crooked, STEADIED)
+        )
+        target = simulate(out_and_back(), Walk(6.0), np.random.default_rng(seed), noise=crooked).target_m[-1]
+        assert true.covariance is not None
+        assert told.covariance is not None
+        miss = (true.position_enu_m - target)[:2]
+        inside += bool(miss @ np.linalg.solve(true.covariance[:2, :2], miss) < 5.99)
+        sigmas.append(np.linalg.det(true.covariance[:2, :2]) / np.linalg.det(told.covariance[:2, :2]))
+    assert inside >= 8
+    assert np.median(sigmas) > 4.0
 
 
 def test_a_sharper_and_a_coarser_detector_are_told_apart() -> None:
