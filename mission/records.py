@@ -25,6 +25,8 @@ Matrix = NDArray[np.float64]
 Image = NDArray[np.uint8]
 """BGR picture, shape (height, width, 3)."""
 
+ClassHeight = Literal["use", "compare", "never"]
+"""What the usual height of the target's class is for."""
 Datum = Literal["ellipsoid", "amsl", "home"]
 """What an altitude is measured from: the WGS 84 ellipsoid, mean sea level, or the home position."""
 
@@ -150,6 +152,9 @@ class TargetPrior:
     height_m: float | None = None
     """Where it is known, with its sigma: the target's true height."""
     height_sigma_m: float | None = None
+    class_height: ClassHeight = "never"
+    """Of a detected person: whether an adult's height counts as a measurement, with children and others as
+    alternatives; "compare" says in the answer's notes what it would be with it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from pydantic_core import ErrorDetails
 from mission.drones.drone import Bounds
 from mission.drones.limits import FlightSettings
 from mission.errors import SettingsError
-from mission.records import TargetPrior
+from mission.records import ClassHeight, TargetPrior
 from mission.settings_names import unknown_name
 
 
@@ -141,6 +141,11 @@ class PriorSettings(_Section):
         None, ge=0.1, le=20.0, description="true height of the target; given together with height_sigma_m"
     )
     height_sigma_m: float | None = Field(None, gt=0.0, le=10.0, description="how exact that is, as it stands or walks")
+    class_height: ClassHeight = Field(
+        "use",
+        description="an adult's height as a measurement where none is given (children and others stay possible); "
+        "compare only says what it would change",
+    )
 
     @model_validator(mode="after")
     def _pairs(self) -> Self:
@@ -180,6 +185,7 @@ class PriorSettings(_Section):
             centre_above_ground_m=self.centre_above_ground_m,
             height_m=self.height_m,
             height_sigma_m=self.height_sigma_m,
+            class_height=self.class_height,
         )
 
 

@@ -63,6 +63,7 @@ NOT_PARAMETERS: Final = frozenset(
         "prior.ground_sigma_m",
         "prior.height_m",
         "prior.height_sigma_m",
+        "prior.class_height",
         "answer.folder",
         "answer.adsb_url",
         "orders.component",

@@ -9,14 +9,16 @@ of the whole mixture.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.estimate.marginal import Evidence, Factors, MarginalModel, Nodes
+from mission.estimate.marginal import Evidence, Factors, MarginalModel, Nodes, Variant, variants
 from mission.estimate.motion_hypotheses import MotionKind
 from mission.estimate.range_model import COLUMNS, RISE, SIDE, SIZE, SPEED, Linearised
+from mission.estimate.size_prior import SizePrior
 from mission.estimate.target_covariance import TargetMoments
 from mission.records import Matrix, Vector
 
@@ -65,8 +67,12 @@ class Averaged:
     """Posterior probabilities of the kinds of height prior."""
 
 
-def averaged(model: MarginalModel) -> Averaged:
-    """Average over everything.
+def averaged(model: MarginalModel, priors: Sequence[Sequence[SizePrior]]) -> tuple[Averaged, ...]:
+    """Average over everything, once for each set of alternatives of the target's height.
+
+    Args:
+        model: of the flight.
+        priors: the sets; the first, which must not be narrower than the others, decides where is looked.
 
     Raises:
         numpy.linalg.LinAlgError: the sightings determine nothing.
@@ -74,24 +80,42 @@ def averaged(model: MarginalModel) -> Averaged:
     travel = 2.0 * float(np.linalg.norm(model.camera_m - model.camera_m.mean(axis=0), axis=1).max())
     ranges = np.geomspace(max(_NEAREST * travel, _NEAREST_M), max(_FARTHEST * travel, 10.0 * _NEAREST_M), _COARSE)
     whole = ranges
+    wide = variants(priors[0])
     everything = np.arange(len(model.hypotheses))
-    found = _resolved(model, whole, Factors(), everything[:_INTENSITIES_TRIED:2])
+    found = _resolved(model, whole, Factors(), everything[:_INTENSITIES_TRIED:2], wide)
     factors, poses = _noise(model, found.lines, found.evidence, everything[:_INTENSITIES_TRIED:2])
     # Other noise makes another width, so the search begins again, somewhat around what was found.
     usual = replace(factors, pose=poses[1][0])
     low, high = found.limits
     margin = math.sqrt(high / low)
-    found = _resolved(model, np.geomspace(low / margin, high * margin, _FINE), usual, everything)
+    found = _resolved(model, np.geomspace(low / margin, high * margin, _FINE), usual, everything, wide)
     if found.at_edge:
-        found = _resolved(model, whole, usual, everything)
+        found = _resolved(model, whole, usual, everything, wide)
     bounded = not found.at_edge
-    lines, ranges = found.lines, found.lines.ranges_m
+    lines = found.lines
     by_motion = _summed(found.evidence.log, (0,))
     likely = np.flatnonzero(by_motion > by_motion.max() - _UNLIKELY)
+    found_by_pose = [(model.evidence(lines, replace(factors, pose=pose), likely), share) for pose, share in poses]
+    return tuple(
+        _mixture(model, lines, found_by_pose, factors, variants(sizes), likely, bounded=bounded) for sizes in priors
+    )
+
+
+def _mixture(
+    model: MarginalModel,
+    lines: Linearised,
+    found: Sequence[tuple[Evidence, float]],
+    factors: Factors,
+    wanted: Sequence[Variant],
+    likely: NDArray[np.intp],
+    *,
+    bounded: bool,
+) -> Averaged:
+    """Mean and covariance over poses, ranges, hypotheses and variants."""
+    ranges = lines.ranges_m
     parts = []
-    for pose, share in poses:
-        at = model.evidence(lines, replace(factors, pose=pose), likely)
-        nodes = model.nodes(at, factors, _DISMISSED)
+    for at, share in found:
+        nodes = model.nodes(at, factors, wanted, _DISMISSED)
         parts.append((at, nodes, nodes.log + math.log(share)))
     top = max(float(log.max()) for _, _, log in parts)
     means, covariances, kept, sizes, motion, variant, places = [], [], [], [], [], [], []
@@ -124,7 +148,7 @@ def averaged(model: MarginalModel) -> Averaged:
             motions[kind] = motions.get(kind, 0.0) + float(chance)
     heights: dict[str, float] = {}
     for number, chance in enumerate(np.bincount(np.concatenate(variant), shares)):
-        kind_of_height = model.variants[number].size.kind
+        kind_of_height = wanted[number].size.kind
         heights[kind_of_height] = heights.get(kind_of_height, 0.0) + float(chance)
     return Averaged(
         TargetMoments(mean, covariance),
@@ -151,13 +175,15 @@ class _Resolved:
     """Whether the evidence reaches an end of the first grid."""
 
 
-def _resolved(model: MarginalModel, ranges: Vector, factors: Factors, wanted: NDArray[np.intp]) -> _Resolved:
+def _resolved(
+    model: MarginalModel, ranges: Vector, factors: Factors, wanted: NDArray[np.intp], priors: Sequence[Variant]
+) -> _Resolved:
     """Refine a grid of ranges until the evidence of some hypotheses covers half of it."""
     at_edge = False
     for refinement in range(_REFINEMENTS):
         lines = model.linearised(ranges)
         found = model.evidence(lines, factors, wanted)
-        inside = _inside(_by_range(model, found, factors))
+        inside = _inside(_by_range(model, found, factors, priors))
         low, high = max(int(inside[0]) - 1, 0), min(int(inside[-1]) + 1, len(ranges) - 1)
         at_edge = at_edge or (refinement == 0 and (inside[0] == 0 or inside[-1] == len(ranges) - 1))
         if len(inside) >= _FINE // 2 - 1 and (refinement > 0 or len(ranges) == _FINE):
@@ -167,9 +193,9 @@ def _resolved(model: MarginalModel, ranges: Vector, factors: Factors, wanted: ND
     return _Resolved(lines, found, (float(ranges[low]), float(ranges[high])), bool(at_edge))
 
 
-def _by_range(model: MarginalModel, found: Evidence, factors: Factors) -> Vector:
+def _by_range(model: MarginalModel, found: Evidence, factors: Factors, priors: Sequence[Variant]) -> Vector:
     """Log evidence of each range, all variants of the prior taken together."""
-    nodes = model.nodes(found, factors, _DISMISSED)
+    nodes = model.nodes(found, factors, priors, _DISMISSED)
     weight = np.exp(nodes.log - nodes.log.max())
     return np.asarray(np.log(np.bincount(nodes.place[:, 0], weight, len(found.log)) + 1e-300))
 

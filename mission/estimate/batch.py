@@ -23,10 +23,10 @@ from mission.estimate.motion_hypotheses import MotionKind
 from mission.estimate.noise_fit import rescaled
 from mission.estimate.observations import Observations, observe, tamed_noise, tamed_prior
 from mission.estimate.posterior import HOPELESS, POOR
-from mission.estimate.size_prior import SizePrior, size_priors
+from mission.estimate.size_prior import ADULT, SizePrior, size_priors
 from mission.estimate.starts import meets_behind
 from mission.estimate.target_covariance import TargetMoments, in_open_world
-from mission.records import Estimate, FirstPosition, FlightSightings, NoiseModel, Vector
+from mission.records import Estimate, FirstPosition, FlightSightings, NoiseModel, TargetPrior, Vector
 
 _BLAS: Final = ThreadpoolController()
 _GENEROUS_PSD: Final = 0.3
@@ -90,12 +90,13 @@ def estimate_together(flights: Sequence[FlightSightings]) -> Estimate:
         ):  # what overflows ends as a singular matrix, and that is refused
             kept, chi2, freedom = _plausible(flight, seen)
             asked_s = last.sightings[0].t_s - seen.start_s
-            model = MarginalModel(kept, flight.noise, flight.prior, size_priors(flight.prior), asked_s)
-            found = averaged(model)
+            model = MarginalModel(kept, flight.noise, flight.prior, asked_s)
+            own, *with_class = averaged(model, _heights(flight.prior, sized=bool(kept.size_scale.any())))
     except (NotPositiveDefinite, np.linalg.LinAlgError, FloatingPointError):
         raise EstimateRefused(
             "The sightings do not determine a position", "Fly further sideways, and keep the target in view."
         ) from None
+    found = with_class[0] if with_class and flight.prior.class_height == "use" else own
     camera = model.camera_m[model.first]
     relative = _relative_depth_sigma(found.moments, camera)
     if not np.isfinite(found.moments.covariance).all() or not np.isfinite(found.moments.mean).all():
@@ -133,8 +134,28 @@ def estimate_together(flights: Sequence[FlightSightings]) -> Estimate:
         rejected=len(flight.sightings) - len(kept.t_s),
         chi2=chi2,
         dof=freedom,
-        notes=_notes(found, relative, model.sizes),
+        notes=(*_notes(found, relative, flight.prior), *_class_note(own, with_class, flight.prior)),
     )
+
+
+def _heights(prior: TargetPrior, *, sized: bool) -> list[tuple[SizePrior, ...]]:
+    """What is believed of the height: what is stated, and beside it an adult's where the class may count."""
+    stated = size_priors(prior)
+    return [stated, ADULT] if sized and prior.height_m is None and prior.class_height != "never" else [stated]
+
+
+def _class_note(own: Averaged, with_class: Sequence[Averaged], prior: TargetPrior) -> tuple[str, ...]:
+    """Whether an adult's height was used, and what the distance would be otherwise."""
+    if not with_class:
+        return ()
+    used = prior.class_height == "use"
+    other = own if used else with_class[0]
+    place, sigma = other.moments.mean[:3], other.moments.first_covariance
+    far = float(np.linalg.norm(place))
+    spread = float(np.sqrt(place @ sigma @ place)) / max(far, 1e-9)
+    adult = 100.0 * with_class[0].heights.get("class", 0.0)
+    without = f"an adult's height was used ({adult:.0f} % likely); without it"
+    return (f"{without if used else 'with an adult height'} the range would be {far:.2f} m +- {spread:.2f} m",)
 
 
 def _plausible(flight: FlightSightings, seen: Observations) -> tuple[Observations, float, int]:
@@ -182,7 +203,7 @@ def _relative_depth_sigma(moments: TargetMoments, camera_m: Vector) -> float:
     return float(np.sqrt(line @ moments.first_covariance[:2, :2] @ line)) / max(depth2, 1e-12)
 
 
-def _notes(found: Averaged, relative: float, sizes: Sequence[SizePrior]) -> tuple[str, ...]:
+def _notes(found: Averaged, relative: float, prior: TargetPrior) -> tuple[str, ...]:
     notes = []
     if relative > POOR:
         notes.append(f"poor geometry: the depth's 1-sigma is {100.0 * relative:.0f} % of it; fly out and back")
@@ -193,7 +214,7 @@ def _notes(found: Averaged, relative: float, sizes: Sequence[SizePrior]) -> tupl
     for name, factor in channels:
         if factor > _MISSTATED or factor < 1.0 / _MISSTATED:
             notes.append(f"the {name} scatter {factor:.1f} times as much as stated, which is taken into account")
-    if any(size.kind == "stated" for size in sizes) and found.heights.get("stated", 0.0) < _CONTRADICTED:
+    if prior.height_m is not None and found.heights.get("stated", 0.0) < _CONTRADICTED:
         notes.append(f"the stated height is contradicted: the picture says {np.exp(found.log_height[0]):.2f} m")
     return tuple(notes)
 

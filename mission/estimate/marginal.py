@@ -106,14 +106,23 @@ class Nodes:
 _WIDEST: Final = Variant(SPEEDS[-1][0], _COMPASS[-1][0], SizePrior.unknown(), 1.0)
 
 
+def variants(sizes: Sequence[SizePrior]) -> tuple[Variant, ...]:
+    """Every alternative of speed and heading bias with every one of the height."""
+    return tuple(
+        Variant(speed, heading, size, share * heading_share * size.share)
+        for speed, share in SPEEDS
+        for heading, heading_share in _COMPASS
+        for size in sizes
+    )
+
+
 class MarginalModel:
     """One flight's evidence.
 
     Args:
         seen: its observations, three at least, the camera moving.
         noise: stated.
-        prior: stated; its height is in `sizes`.
-        sizes: what is believed of the log height beforehand, alternatives with their probabilities.
+        prior: stated; its height counts in `variants`.
         asked_s: when the first of the two places is asked for, on the clock of `seen.t_s`.
     """
 
@@ -122,7 +131,6 @@ class MarginalModel:
         seen: Observations,
         noise: NoiseModel,
         prior: TargetPrior,
-        sizes: Sequence[SizePrior],
         asked_s: float = 0.0,
     ) -> None:
         self.seen, self.noise, self.prior = seen, noise, prior
@@ -155,13 +163,6 @@ class MarginalModel:
         )
         self._lean = _LEAN_RAD**2 * exponential(self.knots.t_s, _LEAN_S)
         self._modes, self._roots, self.end_modes, self.end_rest = self._mode_basis()
-        self.sizes = tuple(sizes)
-        self.variants = tuple(
-            Variant(speed, heading, size, share * heading_share * size.share)
-            for speed, share in SPEEDS
-            for heading, heading_share in _COMPASS
-            for size in self.sizes
-        )
 
     def linearised(self, ranges_m: Vector) -> Linearised:
         """About the most probable path for each range (R,), for a walker who may well wander."""
@@ -252,16 +253,16 @@ class MarginalModel:
         finite = np.asarray(np.where(np.isfinite(log), log, -np.inf), dtype=np.float64)
         return Evidence(finite, mean, np.asarray(covariance, dtype=np.float64), solved, inner)
 
-    def nodes(self, found: Evidence, factors: Factors, below: float) -> Nodes:
-        """All variants of the prior at the ranges and hypotheses whose evidence is at most `below` under the best."""
+    def nodes(self, found: Evidence, factors: Factors, wanted: Sequence[Variant], below: float) -> Nodes:
+        """Some variants of the prior at the ranges and hypotheses whose evidence is at most `below` under the best."""
         place = np.argwhere(found.log > found.log.max() - below)
         mean = found.design[place[:, 0], place[:, 1]]
         covariance = found.covariance[place[:, 0], place[:, 1]]
         own = covariance[:, list(_VARIED)][:, :, list(_VARIED)]
         across = covariance[:, :, list(_VARIED)]
         base = self._precision(_WIDEST, factors)
-        log, variants, means, covariances = [], [], [], []
-        for number, variant in enumerate(self.variants):
+        log, numbers, means, covariances = [], [], [], []
+        for number, variant in enumerate(wanted):
             precision = self._precision(variant, factors)
             added = precision - base
             pull = np.zeros(len(_VARIED))
@@ -274,13 +275,13 @@ class MarginalModel:
             gained += 0.5 * np.log(precision / base).sum() - 0.5 * pull[2] * variant.size.mean
             gained -= 0.5 * np.linalg.slogdet(mixed)[1]
             log.append(found.log[place[:, 0], place[:, 1]] + gained + math.log(variant.share))
-            variants.append(np.full(len(place), number))
+            numbers.append(np.full(len(place), number))
             means.append(mean + (gain @ gradient[..., None])[..., 0])
             covariances.append(covariance - gain @ (added[:, None] * np.swapaxes(across, 1, 2)))
         return Nodes(
             np.concatenate(log),
-            np.tile(place, (len(self.variants), 1)),
-            np.concatenate(variants),
+            np.tile(place, (len(wanted), 1)),
+            np.concatenate(numbers),
             np.concatenate(means),
             np.concatenate(covariances),
         )

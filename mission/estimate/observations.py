@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +108,8 @@ def tamed_noise(noise: NoiseModel) -> NoiseModel:
 def tamed_prior(prior: TargetPrior) -> TargetPrior:
     """The prior with `LARGEST` as its largest number."""
     values = {name: getattr(prior, name) for name in _PRIOR_FIELDS}
-    return TargetPrior(**{name: min(value, LARGEST) for name, value in values.items() if value is not None})
+    numbers: dict[str, Any] = {n: min(value, LARGEST) for n, value in values.items() if isinstance(value, float | int)}
+    return replace(prior, **numbers)
 
 
 def _in_order(sightings: tuple[Sighting, ...]) -> tuple[list[int], list[Sighting]]:

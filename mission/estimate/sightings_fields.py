@@ -9,11 +9,21 @@ fields are ignored.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import fields
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from typing import Any, get_args
 
 from mission.camera.model import MOST_BEND, largest_bend
-from mission.records import CameraIntrinsics, Datum, FlightSightings, GeodeticOrigin, NoiseModel, Sighting, TargetPrior
+from mission.records import (
+    CameraIntrinsics,
+    ClassHeight,
+    Datum,
+    FlightSightings,
+    GeodeticOrigin,
+    NoiseModel,
+    Sighting,
+    TargetPrior,
+)
 
 FORMAT = "sidestep-sightings"
 VERSION = 1
@@ -134,10 +144,21 @@ def _prior(record: Mapping[str, object]) -> TargetPrior:
     for value, sigma in (("ground_up_m", "ground_sigma_m"), ("height_m", "height_sigma_m")):
         if (value in record) != (sigma in record):
             raise FieldError(f'"{value}" and "{sigma}" go together, and one of them is missing')
-    checks = {"ground_up_m": _number, "centre_above_ground_m": _number, "height_m": _positive}
-    return TargetPrior(
-        **{f.name: checks.get(f.name, _not_negative)(record, f.name) for f in fields(TargetPrior) if f.name in record}
-    )
+    checks: dict[str, Callable[[Mapping[str, object], str], Any]] = {
+        "ground_up_m": _number,
+        "centre_above_ground_m": _number,
+        "height_m": _positive,
+        "class_height": _class_height,
+    }
+    given = [f.name for f in fields(TargetPrior) if f.name in record]
+    return replace(TargetPrior(), **{name: checks.get(name, _not_negative)(record, name) for name in given})
+
+
+def _class_height(record: Mapping[str, object], name: str) -> str:
+    value = _text(record, name)
+    if value not in get_args(ClassHeight):
+        raise FieldError(f'"{name}" is none of {", ".join(get_args(ClassHeight))}')
+    return value
 
 
 def _text(record: Mapping[str, object], name: str) -> str:

@@ -148,7 +148,7 @@ def flight_lines(flight: FlightSightings) -> Iterator[str]:
         yield _json(record)
 
 
-def _prior(prior: TargetPrior) -> dict[str, float]:
+def _prior(prior: TargetPrior) -> dict[str, float | str]:
     """The prior's fields, without the optional ones that are not given."""
     values = ((field.name, getattr(prior, field.name), field.default) for field in fields(prior))
     return {name: value for name, value, default in values if name in _PLAIN_PRIOR or value != default}

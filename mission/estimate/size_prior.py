@@ -2,7 +2,7 @@
 
 A height that somebody states may be wrong, so a stated one is one alternative beside wider ones, and what the picture
 says of the height decides between them. An adult's height is 1.71 m with a sigma of 0.09 m over both sexes, shoes
-included; children, and people who crouch or sit, are not in it.
+included; children, and people who crouch or sit, are not in it, so they are alternatives of their own.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ ADULT: Final = (
 
 
 def size_priors(prior: TargetPrior) -> tuple[SizePrior, ...]:
-    """Alternatives of the height."""
+    """Alternatives of the height that somebody states; of an unknown one where nobody does."""
     if prior.height_m is None:
         return (SizePrior.unknown(),)
     sigma = max((prior.height_sigma_m or 0.0) / prior.height_m, _LEAST_SIGMA)

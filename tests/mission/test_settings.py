@@ -87,9 +87,9 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         read_settings(tmp_path / "none.toml")
 
 
-def test_the_prior_s_defaults_are_the_format_s() -> None:
-    assert MissionSettings().prior.prior() == TargetPrior()
-    assert MissionSettings().prior.prior(12.0) == TargetPrior()
+def test_the_prior_s_defaults_are_the_format_s_but_for_people_who_were_detected() -> None:
+    assert MissionSettings().prior.prior() == TargetPrior(class_height="use")
+    assert MissionSettings().prior.prior(12.0) == TargetPrior(class_height="use")
 
 
 def test_every_field_of_the_prior_can_be_set(tmp_path: Path) -> None:
@@ -103,9 +103,10 @@ ground_sigma_m = 0.5
 centre_above_ground_m = 0.9
 height_m = 1.8
 height_sigma_m = 0.06
+class_height = "compare"
 """
     prior = read_settings(written(tmp_path, text)).prior.prior(take_off_up_m=-20.0)
-    assert prior == TargetPrior(2.0, 0.2, 0.1, -23.0, 0.5, 0.9, 1.8, 0.06)
+    assert prior == TargetPrior(2.0, 0.2, 0.1, -23.0, 0.5, 0.9, 1.8, 0.06, "compare")
     plain = TargetPrior()
     assert all(getattr(prior, field.name) != getattr(plain, field.name) for field in fields(TargetPrior))
 

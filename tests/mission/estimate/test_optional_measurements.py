@@ -58,8 +58,8 @@ def test_they_tighten_the_bound(known: TargetPrior) -> None:
 
 def test_the_better_they_are_known_the_more_they_tighten() -> None:
     for value, sigma in (("ground_up_m", "ground_sigma_m"), ("height_m", "height_sigma_m")):
-        known = replace(TargetPrior(), **{value: getattr(KNOWN_BOTH, value)})
-        sigmas = [depth_sigma_m(replace(known, **{sigma: s})) for s in (0.02, 0.1, 0.5)]
+        known = TargetPrior(**{value: getattr(KNOWN_BOTH, value)})
+        sigmas = [depth_sigma_m(TargetPrior(**{value: getattr(known, value), sigma: s})) for s in (0.02, 0.1, 0.5)]
         assert sigmas == sorted(sigmas)
         assert sigmas[0] < sigmas[2]
 
@@ -192,3 +192,35 @@ def test_a_sigma_of_nothing_or_of_everything_is_still_solved(sigma_m: float) -> 
     flown = from_above(8, one_way=False)
     answer = told(flown.flight, replace(KNOWN_BOTH, ground_sigma_m=sigma_m, height_sigma_m=sigma_m))
     assert answer.depth_m == pytest.approx(flown.depth_m, rel=0.1)
+
+
+@pytest.mark.parametrize("height_m", [1.7, 1.1])
+def test_an_adult_s_height_sharpens_the_answer_and_a_child_stays_possible(height_m: float) -> None:
+    inside, nearer = 0, []
+    for seed in range(16):
+        rng = np.random.default_rng(seed)
+        flown = simulate(out_and_back(length_m=1.5), Walk(9.0, (0.5, 0.3, 0.0), height_m=height_m), rng)
+        with_class = told(flown.flight, TargetPrior(class_height="use"))
+        without = told(flown.flight, TargetPrior(class_height="compare"))
+        assert any("adult" in note for note in with_class.notes)
+        assert any("adult" in note for note in without.notes)
+        assert with_class.covariance is not None
+        miss = (with_class.position_enu_m - flown.target_m[-1])[:2]
+        inside += bool(miss @ np.linalg.solve(with_class.covariance[:2, :2], miss) < 5.99)
+        nearer.append([abs(answer.depth_m - flown.depth_m) for answer in (with_class, without)])
+    assert inside >= 12
+    used, unused = np.median(nearer, axis=0)
+    assert height_m != 1.7 or used < unused
+
+
+def test_a_wrong_class_height_is_named(tmp_path: Path) -> None:
+    lines = list(flight_lines(replace(from_above(7).flight, prior=TargetPrior(class_height="use"))))
+    path = tmp_path / "flight.jsonl"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    (read,) = read_flights(path)
+    assert not isinstance(read, FlightProblem)
+    assert read.prior.class_height == "use"
+    path.write_text("\n".join(lines).replace('"use"', '"always"'), encoding="utf-8")
+    (found,) = read_flights(path)
+    assert isinstance(found, FlightProblem)
+    assert '"class_height" is none of use, compare, never' in found.message
