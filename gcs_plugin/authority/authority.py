@@ -78,15 +78,22 @@ class Authority:
     def too_many(self, message: Message, now_s: float) -> bool:
         """Whether this message is beyond its sender's rate, and is passed over; strangers share one rate.
 
-        Names are bounded: the list of allowed ones is.
+        With a key, who does not sign is a stranger, whatever name it bears: nobody uses up another's rate. Names are
+        bounded: the list of allowed ones is.
         """
         bucket = self._strangers
-        if self.knows(message):
+        if self.vouched(message):
             bucket = self._senders.setdefault((message.get_srcSystem(), message.get_srcComponent()), self._bucket())
         if bucket.take(now_s):
             return False
         self.counts["too-many"] += 1
         return True
+
+    def vouched(self, message: Message) -> bool:
+        """Whether it is from an allowed sender, signed where a key is set."""
+        if not self.knows(message):
+            return False
+        return self._signatures is None or self._signatures.genuine(bytes(message.get_msgbuf()))
 
     def refusal(self, message: Message) -> Refusal | None:
         """Why this order is not obeyed, or None. To be asked once for each message: a signature counts once."""

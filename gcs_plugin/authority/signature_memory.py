@@ -43,7 +43,7 @@ class SignatureMemory:
             self.streams = _parsed(path.read_text("ascii"))
         except FileNotFoundError:
             return
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise SettingsError(
                 f"{path} cannot be read: {error}",
                 "Delete it; what was signed within the minute before could then be sent a second time.",

@@ -16,7 +16,7 @@ from typing import Final, Literal
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from gcs_plugin.authority.signature_memory import SignatureMemory
+from gcs_plugin.authority.signature_memory import SignatureMemory, Stream
 from mission.errors import SettingsError
 
 KEY_BYTES: Final = 32
@@ -25,6 +25,8 @@ UNITS_PER_S: Final = 100_000
 EPOCH: Final = datetime(2015, 1, 1, tzinfo=UTC)
 NEW_STREAM_UNITS: Final = 60 * UNITS_PER_S
 """How old the first frame of a sender may be."""
+ORDER_AGE_UNITS: Final = 10 * UNITS_PER_S
+"""How much later than its sender's other frames a frame may come."""
 MOST_STREAMS: Final = 256
 
 Fault = Literal["unsigned", "forged", "replayed", "old"]
@@ -60,7 +62,11 @@ def timestamp_of(utc: datetime) -> int:
 
 
 class SignatureCheck:
-    """Whether frames are signed with the key, and later than what their sender signed before.
+    """Whether frames are signed with the key, later than what their sender signed before, and not held back.
+
+    A station's clock may be off, and some count on from their start, so that the age of a frame says little by itself.
+    But the frames of one sender all lag the same behind the present time: one that lags by 10 s more than the last good
+    one was held back on its way, and is no order any more.
 
     Args:
         key: 32 bytes.
@@ -73,15 +79,15 @@ class SignatureCheck:
         self._utc = utc
         self._memory = memory
         self._streams = {} if memory is None else dict(memory.streams)
+        self._lags: dict[Stream, int] = {}
+        """By how much each sender's last good frame was behind the present time, since the start of the program."""
         self._newest = max(self._streams.values(), default=0)
 
-    def fault(self, frame: bytes, *, order: bool = True) -> Fault | None:
-        """What is wrong with a frame's signature; None when it is good, and the frame is used up then.
+    def genuine(self, frame: bytes) -> bool:
+        """Whether a frame carries the key's signature, however old it is; the frame is not used up."""
+        return self._wrong(frame) is None
 
-        Args:
-            frame: a whole frame whose checksum is right.
-            order: whether it will be obeyed when nothing is wrong, so that it must not come again, whatever happens.
-        """
+    def _wrong(self, frame: bytes) -> Fault | None:
         signed = (
             len(frame) > 12 + mavlink.MAVLINK_SIGNATURE_BLOCK_LEN
             and frame[0] == mavlink.PROTOCOL_MARKER_V2
@@ -90,8 +96,18 @@ class SignatureCheck:
         if not signed:
             return "unsigned"
         expected = hashlib.sha256(self._key + frame[:-6]).digest()[:6]
-        if not hmac.compare_digest(expected, bytes(frame[-6:])):
-            return "forged"
+        return None if hmac.compare_digest(expected, bytes(frame[-6:])) else "forged"
+
+    def fault(self, frame: bytes, *, order: bool = True) -> Fault | None:
+        """What is wrong with a frame's signature; None when it is good, and the frame is used up then.
+
+        Args:
+            frame: a whole frame whose checksum is right.
+            order: whether it will be obeyed when nothing is wrong, so that it must not come again, whatever happens.
+        """
+        wrong = self._wrong(frame)
+        if wrong is not None:
+            return wrong
         stamp = int.from_bytes(frame[-12:-6], "little")
         stream = (frame[-13], frame[5], frame[6])
         known = self._streams.get(stream)
@@ -100,6 +116,10 @@ class SignatureCheck:
         if known is None and (stamp + NEW_STREAM_UNITS < self.timestamp() or len(self._streams) >= MOST_STREAMS):
             return "old"
         self._streams[stream] = stamp
+        lag, usual = timestamp_of(self._utc()) - stamp, self._lags.get(stream)
+        if lag > (NEW_STREAM_UNITS if usual is None else usual + ORDER_AGE_UNITS):
+            return "old"
+        self._lags[stream] = lag
         self._newest = max(self._newest, stamp)
         if self._memory is not None:
             self._memory.keep(self._streams, self._utc().timestamp(), order=order)

@@ -34,6 +34,10 @@ _GUARDED: Final = frozenset((*ORDER_COMMANDS, *STOP_COMMANDS, mavlink.MAV_CMD_SE
 """Only for those who may give orders; anybody may ask for information."""
 
 
+_INFORMING: Final = frozenset((*REQUEST_COMMANDS, mavlink.MAV_CMD_REQUEST_MESSAGE))
+"""Also answered where they are sent to everybody (component 0), as some stations do."""
+
+
 class CommandServer:
     """Reads commands, leaves orders on the desk, acknowledges.
 
@@ -77,10 +81,15 @@ class CommandServer:
     def take(self, message: Message, now_s: float) -> None:
         """Obey, refuse or pass over a message of `COMMAND_MESSAGES`; never raises for what is in it."""
         own = self._identity
-        if message.target_system != own.system or message.target_component != own.component:
+        if message.target_system not in (0, own.system) or message.target_component not in (0, own.component):
             return
-        if self._authority.too_many(message, now_s):
+        stop = message.get_type() == "COMMAND_CANCEL" or message.command in STOP_COMMANDS
+        # A stop of whom it is from is never too many.
+        if not (stop and self._authority.vouched(message)) and self._authority.too_many(message, now_s):
             return
+        broadcast = 0 in (message.target_system, message.target_component)
+        if broadcast and message.command not in _INFORMING:
+            return  # to whom it may concern: nobody is ordered by that
         if message.get_type() == "COMMAND_CANCEL":
             self._cancel(message, now_s)
             return
@@ -95,7 +104,9 @@ class CommandServer:
             self._abort()
             self._acknowledge(command, mavlink.MAV_RESULT_ACCEPTED)
         else:
-            self._acknowledge(command, self._inform(command, now_s))
+            result = self._inform(command, now_s)
+            if not broadcast or result == mavlink.MAV_RESULT_ACCEPTED:  # others may know what we do not
+                self._acknowledge(command, result)
 
     def keep_up(self, now_s: float) -> None:
         """Say again that the order is in progress, when it is time to."""

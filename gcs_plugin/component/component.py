@@ -54,6 +54,7 @@ class CameraComponent:
         refusal: why the aircraft cannot carry out an order now; empty when it can.
         clock: the program's clock, seconds.
         changed: is told the settings when a station has changed some.
+        file: the settings file's own, whose safety limits no station widens; `settings` when omitted.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class CameraComponent:
         refusal: Callable[[Order], str],
         clock: Callable[[], float] = time.monotonic,
         changed: Callable[[MissionSettings], None] = lambda _: None,
+        file: MissionSettings | None = None,
     ) -> None:
         self._link = link
         self._changed = changed
@@ -77,7 +79,7 @@ class CameraComponent:
         self._texts = StatusTexts(link)
         self._desk = Desk(refusal)
         self._intervals = Intervals(DEFAULT_INTERVALS_US)
-        self._parameters = ParameterServer(settings, identity.encoding)
+        self._parameters = ParameterServer(settings, identity.encoding, file, self.say)
         self._commands = CommandServer(
             identity,
             authority,

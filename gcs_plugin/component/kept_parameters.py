@@ -13,7 +13,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from gcs_plugin.component.parameter_table import Parameter, parameters
+from gcs_plugin.component.parameter_table import Parameter, parameters, wider_than
 from gcs_plugin.durable import write_whole
 from mission.errors import AnswerError, SettingsError
 from mission.settings import MissionSettings
@@ -49,7 +49,7 @@ class KeptParameters:
             if parameter is None or not _same(parameter.read(settings), instead_of):
                 continue
             changed = parameter.changed(self.settings, number)
-            if changed is None:
+            if changed is None or wider_than(parameter, changed, settings) is not None:
                 continue
             self.settings = changed
             self.restored.append(f"{name} {_shown(parameter, self.settings)} instead of {_shown(parameter, settings)}")
@@ -90,7 +90,7 @@ class KeptParameters:
             return {str(n): (_float(entry["set"]), _float(entry["instead_of"])) for n, entry in content.items()}
         except FileNotFoundError:
             return {}
-        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        except (OSError, ValueError, ArithmeticError, RecursionError, TypeError, KeyError, AttributeError) as error:
             raise SettingsError(
                 f"{self._path} cannot be read: {error}", "Delete it; the settings file then counts alone."
             ) from error

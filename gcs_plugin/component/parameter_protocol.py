@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import struct
 from collections import deque
+from collections.abc import Callable
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_plugin.component.identity import ParameterEncoding
-from gcs_plugin.component.parameter_table import Parameter, parameters
+from gcs_plugin.component.parameter_table import Parameter, parameters, wider_than
 from mission.settings import MissionSettings
 
 Message = Any
@@ -64,11 +65,21 @@ class ParameterServer:
     Args:
         settings: at the start.
         encoding: of integers.
+        file: the settings file's own, whose safety limits nobody widens; those at the start when omitted.
+        say: is told why a change is not taken.
     """
 
-    def __init__(self, settings: MissionSettings, encoding: ParameterEncoding) -> None:
+    def __init__(
+        self,
+        settings: MissionSettings,
+        encoding: ParameterEncoding,
+        file: MissionSettings | None = None,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
         self.settings = settings
         """As they are now; a flight takes them when it starts."""
+        self._file = file or settings
+        self._say = say
         self._encoding = encoding
         self._all = parameters()
         self._index = {p.name: i for i, p in enumerate(self._all)}
@@ -112,7 +123,12 @@ class ParameterServer:
         parameter = self._all[index]
         number = decoded(message.param_value, message.param_type, self._encoding)
         if may_change and number is not None and _same_kind(parameter, message.param_type):
-            self.settings = parameter.changed(self.settings, number) or self.settings
+            changed = parameter.changed(self.settings, number)
+            refused = None if changed is None else wider_than(parameter, changed, self._file)
+            if refused is not None:
+                self._say(refused)
+            elif changed is not None:
+                self.settings = changed
         return [self._value(index)]
 
     def _value(self, index: int) -> Message:

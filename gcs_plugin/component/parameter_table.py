@@ -72,6 +72,15 @@ NOT_PARAMETERS: Final = frozenset(
 )
 """Settings that are none; nor is any of [authority]."""
 
+TIGHTENED_ONLY: Final[dict[str, Literal["at most", "at least"]]] = {
+    "limits.radius_m": "at most",
+    "limits.min_height_m": "at least",
+    "limits.max_height_m": "at most",
+    "limits.max_speed_m_s": "at most",
+    "limits.max_duration_s": "at most",
+}
+"""Safety limits: what the settings file says is a ceiling (or a floor), and a station may only ask for less room."""
+
 Value = float | int | bool | str | None
 
 
@@ -128,6 +137,21 @@ class Parameter:
             return MissionSettings.model_validate(_put(settings, self.setting, value))
         except ValidationError:
             return None
+
+
+def wider_than(parameter: Parameter, settings: MissionSettings, file: MissionSettings) -> str | None:
+    """Why a changed setting is not taken: it would give a flight more room than the settings file does.
+
+    Args:
+        parameter: that was changed.
+        settings: with the change.
+        file: the settings file's.
+    """
+    bound = TIGHTENED_ONLY.get(parameter.setting)
+    wanted, allowed = parameter.read(settings), parameter.read(file)
+    if bound is None or wanted == allowed or (wanted < allowed) == (bound == "at most"):
+        return None
+    return f"{parameter.name} stays: the settings file allows {bound} {allowed:g}"
 
 
 def parameters() -> tuple[Parameter, ...]:

@@ -55,6 +55,7 @@ class VehicleService:
         memory = None if self._key is None else SignatureMemory(folder / "signatures.json")
         self._authority = Authority(settings.authority, self._key, times.utc, memory)
         self._kept = KeptParameters(folder / "parameters.json", settings)
+        self._file = settings
         self._settings = self._kept.settings
         for parameter in self._kept.restored:
             self._say(f"as a ground station set it: {parameter}")
@@ -109,6 +110,7 @@ class VehicleService:
             lambda order: refusal(order, drone.telemetry(), self._settings.link.min_battery),
             self._times.clock,
             self._kept.keep,
+            self._file,
         )
         with component:
             self._say(f"serving {drone.name} as component {number}")

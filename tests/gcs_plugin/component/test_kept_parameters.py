@@ -81,3 +81,34 @@ def test_a_parameter_of_a_newer_version_and_a_value_out_of_range_are_passed_over
     )
     kept = KeptParameters(tmp_path / "parameters.json", FILE)
     assert (kept.settings, kept.restored) == (FILE, [])
+
+
+def test_the_safety_limits_of_the_file_are_a_ceiling(tmp_path: Path) -> None:
+    wide = {"LIMITS_RADIUS_M": 500.0, "LIMITS_SPEED_M_S": 20.0, "LIMITS_MIN_H_M": 0.3, "LIMITS_TIME_S": 1200.0}
+    run(tmp_path, FILE, **wide)
+    settings, restored = run(tmp_path, FILE)
+    assert settings.limits == FILE.limits
+    assert restored == []
+    run(tmp_path, FILE, LIMITS_RADIUS_M=5.0, LIMITS_MIN_H_M=4.0)
+    settings, _ = run(tmp_path, FILE)
+    assert (settings.limits.radius_m, settings.limits.min_height_m) == (5.0, 4.0)
+
+
+def test_limits_kept_from_before_do_not_widen_either(tmp_path: Path) -> None:
+    (tmp_path / "parameters.json").write_text('{"LIMITS_RADIUS_M": {"set": 500, "instead_of": 15}}', "ascii")
+    settings, restored = run(tmp_path, FILE)
+    assert settings.limits.radius_m == 15.0
+    assert restored == []
+
+
+@pytest.mark.parametrize("number", ["1" + "0" * 400, "-" + "9" * 400, "[[" * 100_000])
+def test_an_absurd_number_is_told(tmp_path: Path, number: str) -> None:
+    (tmp_path / "parameters.json").write_text(f'{{"PATTERN_LENGTH_M": {{"set": {number}, "instead_of": 3}}}}', "ascii")
+    with pytest.raises(SettingsError, match=r"parameters\.json cannot be read"):
+        run(tmp_path, FILE)
+
+
+def test_an_infinite_number_is_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "parameters.json").write_text('{"PATTERN_LENGTH_M": {"set": 1e400, "instead_of": 3}}', "ascii")
+    settings, _ = run(tmp_path, FILE)
+    assert settings == FILE
