@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from mission.addresses import shown_address
 from mission.errors import AnswerError
 from mission.geodesy import ErrorEllipse, Geodetic, altitude_in, ce90_m, enu_to_geodetic, error_ellipse, le90_m
 from mission.records import Estimate, GeodeticOrigin, Matrix, Vector
@@ -33,6 +34,11 @@ class Provenance:
     choice: str = ""
     """How the target was chosen: the operator's box or point, or the rule."""
     noise_preset: str = ""
+
+    def __post_init__(self) -> None:
+        """Addresses are kept without their passwords, also those of a log that an older version wrote."""
+        for name in ("video", "link"):
+            object.__setattr__(self, name, shown_address(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from mission.addresses import without_secrets
+
 
 class SidestepError(Exception):
     """Something went wrong that the operator should know about.
@@ -9,12 +11,14 @@ class SidestepError(Exception):
     Args:
         cause: what happened, in the operator's words, without a trailing full stop.
         remedy: what to do about it; empty when there is nothing to do.
+
+    Passwords in addresses are left out of both.
     """
 
     def __init__(self, cause: str, remedy: str = "") -> None:
-        self.cause = cause
-        self.remedy = remedy
-        super().__init__(f"{cause}. {remedy}" if remedy else cause)
+        self.cause = without_secrets(cause)
+        self.remedy = without_secrets(remedy)
+        super().__init__(f"{self.cause}. {self.remedy}" if remedy else self.cause)
 
 
 class InputError(SidestepError):

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from gcs_plugin.cli.address import HELP, given_address
 from gcs_plugin.cli.calibrate_baseline import baseline
 from mission.camera.board import Board, CharucoBoard, Chessboard
 from mission.camera.calibration import BoardCalibration, calibrate_board, read_pictures
@@ -84,7 +85,7 @@ def theta(
 @calibrate.command()
 def latency(
     drone_url: Annotated[str, typer.Option("--drone", help="udp://..., tcp://..., serial://..., ardrone://...")],
-    video_url: Annotated[str, typer.Option("--video", help="RTSP, UDP, an SDP file: what FFmpeg reads.")],
+    video_url: Annotated[str, typer.Option("--video", help=HELP)],
     camera_file: Annotated[Path, typer.Option("--camera", help="Camera file; the latency is stored in it.")],
     wiggle: Annotated[bool, typer.Option("--wiggle", help="Yaw by ourselves; the aircraft must hover.")] = False,
     duration_s: Annotated[float, typer.Option(min=5.0, max=120.0, help="Longest time to watch.")] = 20.0,
@@ -95,7 +96,7 @@ def latency(
     drone = make_drone(drone_url)
     try:
         drone.connect(timeout_s=30.0)
-        video = open_video(video_url, latency_s=camera.latency_s)
+        video = open_video(given_address(video_url), latency_s=camera.latency_s)
         try:
             first = video.latest(-1, 5.0)
             if first is not None:

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gcs_plugin.abort import Abort
+from gcs_plugin.cli.address import HELP, given_address
 from gcs_plugin.durable import write_whole
 from mission.baseline_flight import WallFlight, WallFlights
 from mission.camera.baseline import BaselineTable, baseline_table, reckoning_scale
@@ -35,7 +36,7 @@ def baseline(
     marker_mm: Annotated[float, typer.Option(help="Side of a marker.")],
     spacing_mm: Annotated[float, typer.Option(help="From the middle of one marker to that of the next.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The settings to write, TOML.", dir_okay=False)],
-    video_url: Annotated[str | None, typer.Option("--video", help="The video; an AR.Drone brings its own.")] = None,
+    video_url: Annotated[str | None, typer.Option("--video", help=f"{HELP} An AR.Drone brings its own.")] = None,
     dictionary: Annotated[str, typer.Option(help="Of the markers, which are 0, 1, 2, ... from the left.")] = "4X4_50",
     runs: Annotated[int, typer.Option(min=3, max=20, help="How often to fly.")] = 4,
     side: Annotated[str, typer.Option(help="left or right: along the wall, seen from the aircraft.")] = "left",
@@ -57,7 +58,7 @@ def baseline(
     drone = make_drone(drone_url)
     try:
         drone.connect(CONNECT_TIMEOUT_S)
-        video = open_video(video_url or drone_url, latency_s=camera.latency_s)
+        video = open_video(given_address(video_url or drone_url), latency_s=camera.latency_s)
         try:
             first = video.latest(-1, 5.0)
             if first is None:

@@ -16,10 +16,12 @@ from rich.table import Table
 
 from gcs_plugin.abort import Abort
 from gcs_plugin.answer import Answer, Times
+from gcs_plugin.cli.address import HELP, given_address
 from gcs_plugin.flight_folder import FlightFolder
 from gcs_plugin.geotags import GeotagLog
 from gcs_plugin.locating import Equipment, Locating, known_camera, open_camera
 from gcs_plugin.progress import Progress
+from mission.addresses import shown_address
 from mission.detect import make_detector
 from mission.drones.ardrone.url import is_ardrone
 from mission.drones.drone import Drone, Order, OrderState
@@ -44,9 +46,7 @@ def register(app: typer.Typer) -> None:
         link: Annotated[
             str | None, typer.Option("--drone", "--link", help="udpin://0.0.0.0:14540 or ardrone://192.168.1.1, e.g.")
         ] = None,
-        video: Annotated[
-            str | None, typer.Option(help="The video: anything FFmpeg opens; an AR.Drone brings its own.")
-        ] = None,
+        video: Annotated[str | None, typer.Option(help=f"{HELP} An AR.Drone brings its own.")] = None,
         camera: Annotated[Path | None, typer.Option(help="Camera file of `sidestep calibrate`.")] = None,
         box: Annotated[str | None, typer.Option(help="The target: LEFT,TOP,WIDTH,HEIGHT in pixels.")] = None,
         point: Annotated[str | None, typer.Option(help="The target: X,Y in pixels.")] = None,
@@ -57,7 +57,7 @@ def register(app: typer.Typer) -> None:
 
         Ctrl-C at any moment: the aircraft holds its place and the log is whole.
         """
-        chosen = _with_options(read_settings(settings), link, video, camera)
+        chosen = _with_options(read_settings(settings), link, video and given_address(video), camera)
         choice = TargetChoice(_box(box), _point(point))
         check_before_connecting(chosen, choice, take_off)
         _run(chosen, choice, take_off, land, Console(highlight=False))
@@ -105,7 +105,7 @@ def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None
             pilot_log=folder.path / "pilot.log",
         )
         stack.callback(drone.close)
-        progress.say(f"connecting to {settings.link.url}")
+        progress.say(f"connecting to {shown_address(settings.link.url)}")
         drone.connect(settings.link.connect_timeout_s)
         progress.say(f"connected to {drone.name}, poses at {drone.telemetry().pose_rate_hz:.0f} Hz")
         source, lens = open_camera(settings, lambda text: progress.say(text, style="bold yellow"))

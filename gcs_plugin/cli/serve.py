@@ -12,6 +12,7 @@ from rich.console import Console
 
 from gcs_plugin.abort import Abort
 from gcs_plugin.answer import Times
+from gcs_plugin.cli.address import HELP, given_address
 from gcs_plugin.component.parameter_table import table_lines
 from gcs_plugin.serve.fleet import Fleet, VehicleOptions, vehicles
 from gcs_plugin.serve.vehicle import VehicleService
@@ -25,7 +26,7 @@ def register(app: typer.Typer) -> None:
         settings: Annotated[list[Path] | None, typer.Option(help="Settings, TOML.")] = None,
         link: Annotated[list[str] | None, typer.Option(help="The aircraft, e.g. udpin://0.0.0.0:14540.")] = None,
         system: Annotated[list[int] | None, typer.Option(min=1, max=255, help="Its system id.")] = None,
-        video: Annotated[list[str] | None, typer.Option(help="Its video: anything FFmpeg opens.")] = None,
+        video: Annotated[list[str] | None, typer.Option(help=HELP)] = None,
         camera: Annotated[list[Path] | None, typer.Option(help="Camera file of `sidestep calibrate`.")] = None,
         folder: Annotated[Path | None, typer.Option(help="Where flights and geotags are kept.")] = None,
         parameters: Annotated[bool, typer.Option("--parameters", help="Print the MAVLink parameters and end.")] = False,
@@ -38,7 +39,8 @@ def register(app: typer.Typer) -> None:
         if parameters:
             typer.echo("\n".join(table_lines()))
             return
-        found = vehicles(settings or [], link or [], system or [], video or [], camera or [], folder)
+        videos = [given_address(each) for each in video or ()]
+        found = vehicles(settings or [], link or [], system or [], videos, camera or [], folder)
         abort = Abort()
         abort.install()
         console = Console(highlight=False)

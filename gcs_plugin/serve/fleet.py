@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 import threading
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import IO, Final, TypeVar
 
 from gcs_plugin.serve.hub import Hub
+from mission.addresses import FROM_INPUT
 from mission.drones.loopback import loopback_socket
 from mission.drones.url import mavsdk_url
 from mission.errors import SettingsError
@@ -56,12 +58,12 @@ class VehicleOptions:
         return settings.model_copy(update=changes)
 
     def arguments(self) -> list[str]:
-        """For `sidestep serve`."""
+        """For `sidestep serve`, which gets the video's address from standard input: it may hold a password."""
         pairs = (
             ("--settings", self.settings),
             ("--link", self.link),
             ("--system", self.system),
-            ("--video", self.video),
+            ("--video", None if self.video is None else FROM_INPUT),
             ("--camera", self.camera),
             ("--folder", self.folder),
         )
@@ -199,13 +201,14 @@ class Fleet:
             member.started_s = now_s
             member.process = subprocess.Popen(
                 [*self._command, *member.options.arguments()],
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 text=True,
                 errors="replace",
                 start_new_session=True,  # Ctrl-C comes from us, once
             )
+            _hand_over(member.process.stdin, member.options.video)
             reader = threading.Thread(target=self._read, args=(member.name, member.process.stdout), daemon=True)
             reader.start()
 
@@ -225,6 +228,14 @@ class Fleet:
                 process.wait()
         for hub in self._hubs:
             hub.close()
+
+
+def _hand_over(pipe: IO[str] | None, video: str | None) -> None:
+    if pipe is None:
+        return
+    with contextlib.suppress(BrokenPipeError), pipe:  # a process that has ended already is looked after
+        if video is not None:
+            pipe.write(f"{video}\n")
 
 
 def _free_ports(count: int) -> list[int]:

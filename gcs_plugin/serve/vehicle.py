@@ -17,6 +17,7 @@ from gcs_plugin.component.kept_parameters import KeptParameters
 from gcs_plugin.geotags import GeotagLog
 from gcs_plugin.locating import known_camera
 from gcs_plugin.serve.session import Crew, Session
+from mission.addresses import shown_address
 from mission.camera import Camera
 from mission.detect import make_detector
 from mission.drones.drone import Telemetry
@@ -73,7 +74,7 @@ class VehicleService:
                 sparing=True,
             )
             try:
-                self._say(f"connecting to {settings.link.url}")
+                self._say(f"connecting to {shown_address(settings.link.url)}")
                 drone.connect(settings.link.connect_timeout_s)
                 self._serve(drone)
             except LinkError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from av.codec.context import Flags
 from av.container import InputContainer
 from av.video.stream import VideoStream
 
+from mission.addresses import shown_address
 from mission.errors import VideoError
 
 _UNTIMED_FORMATS = frozenset({"h264", "hevc", "m4v", "mjpeg", "mpjpeg", "image2pipe", "rawvideo"})
@@ -53,11 +53,6 @@ def is_live(url: str) -> bool:
     return bool(separator) and scheme.lower() != "file"
 
 
-def shown(url: str) -> str:
-    """The URL as it may be shown and logged: without the password."""
-    return re.sub(r"(//[^/@:]*):[^/@]*@", r"\1:***@", url)
-
-
 def open_input(url: str, options: Mapping[str, str], open_timeout_s: float, read_timeout_s: float) -> Input:
     """Open a URL or file and find its first video stream.
 
@@ -80,10 +75,12 @@ def open_input(url: str, options: Mapping[str, str], open_timeout_s: float, read
     container = av.open(url, options=chosen, timeout=(open_timeout_s, read_timeout_s))
     try:
         if not container.streams.video:
-            raise VideoError(f"There is no video in {shown(url)}", "Check which of the camera's streams this is.")
+            raise VideoError(
+                f"There is no video in {shown_address(url)}", "Check which of the camera's streams this is."
+            )
         stream = container.streams.video[0]
         if stream.codec_context is None:
-            raise VideoError(f"The video in {shown(url)} is of an unknown kind", "Let the camera send H.264.")
+            raise VideoError(f"The video in {shown_address(url)} is of an unknown kind", "Let the camera send H.264.")
         if live:
             # Frame threads would hold back one frame per thread.
             stream.thread_type = "SLICE"
@@ -98,7 +95,7 @@ def open_input(url: str, options: Mapping[str, str], open_timeout_s: float, read
 
 def explain(url: str, error: Exception, live: bool) -> VideoError:
     """What to tell the operator about a failure to open."""
-    name = shown(url)
+    name = shown_address(url)
     if isinstance(error, VideoError):
         return error
     if isinstance(error, FileNotFoundError):

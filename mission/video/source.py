@@ -15,11 +15,12 @@ from av.packet import Packet
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
+from mission.addresses import shown_address
 from mission.drones.ardrone.url import is_ardrone
 from mission.errors import VideoError
 from mission.records import Frame, Image
 from mission.video.ardrone import open_ardrone_video
-from mission.video.ffmpeg import Input, explain, is_live, missing_file, open_input, shown
+from mission.video.ffmpeg import Input, explain, is_live, missing_file, open_input
 from mission.video.stats import VideoState, VideoStats
 from mission.video.timeline import Arrivals, LiveTimeline, RecordedTimeline, Timeline
 
@@ -86,7 +87,7 @@ def open_video(
     if is_ardrone(url):
         return open_ardrone_video(url, latency_s=latency_s, clock=clock, open_timeout_s=open_timeout_s, stall_s=stall_s)
     if missing := missing_file(url):
-        raise VideoError(f"The video's {missing} does not exist: {shown(url)}", "Check the path.")
+        raise VideoError(f"The video's {missing} does not exist: {shown_address(url)}", "Check the path.")
     source = _StreamVideo(url, latency_s, clock, pace, start_s, options or {}, min(open_timeout_s, 5.0), stall_s)
     if not source.wait_first(open_timeout_s):
         error = source.failure()
@@ -141,7 +142,7 @@ class _StreamVideo:
         """Why no frame came."""
         if self._damaged and not self._decoded:
             return VideoError(
-                f"Data arrives at {shown(self._url)}, but no whole picture",
+                f"Data arrives at {shown_address(self._url)}, but no whole picture",
                 "Let the camera send a key frame every second, and check the connection for losses.",
             )
         return self._failure
@@ -202,7 +203,9 @@ class _StreamVideo:
                 finally:
                     source.container.close()
                 ended = True
-                failure = VideoError(f"The video {shown(self._url)} was ended by its sender", "Start it again there.")
+                failure = VideoError(
+                    f"The video {shown_address(self._url)} was ended by its sender", "Start it again there."
+                )
             except (av.error.FFmpegError, OSError, ValueError, VideoError) as error:
                 failure = explain(self._url, error, self._live)
             if self._closing.is_set():
@@ -281,6 +284,6 @@ class _StreamVideo:
             if self._state is not VideoState.CLOSED:
                 if self._state is VideoState.RECONNECTING:
                     self._reconnects += 1
-                    _log.info("The video %s is back", shown(self._url))
+                    _log.info("The video %s is back", shown_address(self._url))
                 self._state, self._error = VideoState.PLAYING, ""
             self._changed.notify_all()

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gcs_plugin.geotag import COLUMNS
+from gcs_plugin.geotag_row import from_json, to_json
 from gcs_plugin.geotags import Provenance, make_geotag
 from mission.errors import AnswerError
 from mission.geodesy import ce90_m, geodetic_to_enu
@@ -109,3 +110,12 @@ def test_every_altitude_of_the_row_names_its_datum() -> None:
     assert len(names) == len(set(names))
     assert "alt_datum" in names
     assert "drone_alt_datum" in names
+
+
+def test_a_videos_password_is_in_no_geotag_nor_in_one_that_an_older_version_kept() -> None:
+    tag = replace(geotag(), provenance=Provenance("s", "f", video="rtsp://pilot:s3cr3t@camera/live?token=s3cr3t"))
+    assert tag.provenance.video == "rtsp://***@camera/live?***"
+    assert b"s3cr3t" not in to_json(tag)
+    old = to_json(tag).replace(b"rtsp://***@camera/live?***", b"rtsp://pilot:s3cr3t@camera/live")
+    assert b"s3cr3t" in old
+    assert b"s3cr3t" not in to_json(from_json(old))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import signal
 import socket
@@ -179,3 +180,27 @@ def test_a_hub_passes_everything_on_to_each_and_back() -> None:
 def test_a_hub_that_cannot_open_its_link_says_so() -> None:
     with pytest.raises(LinkError, match="cannot open"):
         Hub("serial:///dev/no-such-device:57600", [14599])
+
+
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="the list of processes is read from /proc")
+def test_a_videos_password_is_in_no_list_of_processes_and_still_reaches_the_vehicles_process(tmp_path: Path) -> None:
+    script = tmp_path / "worker.py"
+    script.write_text(
+        "import hashlib, sys, time\n"
+        "print(hashlib.sha256(sys.stdin.readline().strip().encode()).hexdigest(), *sys.argv[1:], flush=True)\n"
+        "time.sleep(600)\n"
+    )
+    video = "rtsp://pilot:s3cr3t@camera/live"
+    said: list[str] = []
+    fleet = Fleet(vehicles([], LINKS, [], [video], [], tmp_path), said.append, (sys.executable, str(script)), 0.1)
+    over: list[bool] = []
+    thread = Thread(target=fleet.run, args=(lambda: bool(over),))
+    thread.start()
+    try:
+        assert until(lambda: len(said) == 2)
+        shown = [Path(f"/proc/{pid}/cmdline").read_bytes() for pid in fleet.pids]
+    finally:
+        over.append(True)
+        thread.join()
+    assert not any(b"s3cr3t" in line for line in shown)
+    assert all(hashlib.sha256(video.encode()).hexdigest() in line and "--video -" in line for line in said)

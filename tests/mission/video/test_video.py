@@ -12,7 +12,7 @@ import pytest
 from mission.errors import VideoError
 from mission.records import Frame
 from mission.video import VideoSource, VideoState, open_video
-from mission.video.ffmpeg import is_live, shown
+from mission.video.ffmpeg import is_live
 from tests.mission.video.streams import Sender, free_port, number, numbered, write_file
 
 
@@ -251,7 +251,7 @@ def test_a_refused_connection_is_explained_without_the_password(caplog: pytest.L
     with pytest.raises(VideoError, match="Nothing listens") as caught:
         open_video(f"rtsp://pilot:secret@127.0.0.1:{port}/live", open_timeout_s=1.0)
     assert "secret" not in str(caught.value) + caplog.text
-    assert "pilot:***@" in str(caught.value)
+    assert f"rtsp://***@127.0.0.1:{port}/live" in str(caught.value)
 
 
 def test_urls_are_told_apart() -> None:
@@ -259,4 +259,3 @@ def test_urls_are_told_apart() -> None:
     assert is_live("session.sdp")
     assert not is_live("file:///flight.mp4")
     assert not is_live("flight.mp4")
-    assert shown("udp://127.0.0.1:5600") == "udp://127.0.0.1:5600"
