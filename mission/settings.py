@@ -48,13 +48,20 @@ class LinkSettings(_Section):
     system: int = Field(0, ge=0, le=255, description="the aircraft's system id; 0: the first autopilot that is heard")
     connect_timeout_s: float = Field(20.0, gt=0.0, le=300.0, description="how long to wait for the aircraft")
     min_battery: Fraction = Field(0.2, description="no flight below this charge")
+    release: Literal["sticks", "hold"] = Field(
+        "sticks",
+        description="mode in which control is given back on ArduPilot: LOITER, where the throttle stick rests in the "
+        "middle, or always BRAKE",
+    )
     accept_failsafe: bool = Field(
         False, description="fly also where PX4 does not hold when setpoints stop (COM_OBL_RC_ACT other than 5)"
     )
 
     def flight(self) -> FlightSettings:
         """As the pilot process wants them."""
-        return FlightSettings(min_battery_fraction=self.min_battery, must_hold=not self.accept_failsafe)
+        return FlightSettings(
+            min_battery_fraction=self.min_battery, release=self.release, must_hold=not self.accept_failsafe
+        )
 
 
 class VideoSettings(_Section):

@@ -53,6 +53,7 @@ NOT_PARAMETERS: Final = frozenset(
         "link.system",
         "link.connect_timeout_s",
         "link.min_battery",
+        "link.release",
         "link.accept_failsafe",
         "video.url",
         "camera.file",

@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from mavsdk.plugins.offboard import Offboard, OffboardError, PositionNedYaw, VelocityNedYaw
 from mavsdk.system import System
@@ -46,6 +46,7 @@ class MavsdkControls:
         link: the pilot process's own pymavlink side, for all orders.
         vehicle: what the autopilot reports.
         loss: of the packets that the autopilot sends.
+        release: the mode in which control is given back (`FlightSettings.release`).
         clock: monotonic seconds.
     """
 
@@ -55,12 +56,14 @@ class MavsdkControls:
         link: MavlinkLink,
         vehicle: VehicleState,
         loss: PacketLoss,
+        release: Literal["sticks", "hold"] = "sticks",
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._system = system
         self._link = link
         self._vehicle = vehicle
         self._loss = loss
+        self._release = release
         self._clock = clock
         self._offboard: Offboard | None = None
         self._answers: dict[Ordered, tuple[float, int]] = {}
@@ -89,7 +92,8 @@ class MavsdkControls:
 
     def ask_mode(self, kind: ModeKind, attempt: int) -> None:
         """Send MAV_CMD_DO_SET_MODE once."""
-        self._command("mode", attempt, *mode_parameters(self._vehicle.autopilot, kind, attempt))
+        sticks = self._release == "sticks" and self._vehicle.sticks.rest(self._clock())
+        self._command("mode", attempt, *mode_parameters(self._vehicle.autopilot, kind, attempt, sticks=sticks))
 
     def arm(self, attempt: int) -> None:
         """Send MAV_CMD_COMPONENT_ARM_DISARM once."""

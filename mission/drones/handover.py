@@ -92,7 +92,8 @@ class Holding:
             if mode.kind != "hold" and mode != self._before:
                 return "pilot", f"the mode was changed to {mode.name}, not by us"
             if self._asked_s is not None:
-                return "mode", f"holding in {mode.name}, control given back"
+                sticks = "" if mode.sticks else "; sticks do nothing in it: change the mode to fly by hand"
+                return "mode", f"holding in {mode.name}, control given back{sticks}"
             if now_s - self._began_s > _LATE_S:
                 return "mode", f"it stays in {mode.name}"
         elif now_s - self._began_s > _PATIENCE_S:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -40,6 +41,9 @@ class FlightSettings:
     """Setpoints stay this far inside the autopilot's geofence: its overrun after a stop is 1 to 2 m."""
     max_packet_loss: float = 0.3
     """Of what the autopilot sends; beyond, a take-over may be seen too late."""
+    release: Literal["sticks", "hold"] = "sticks"
+    """The mode in which control is given back on ArduPilot: one in which the pilot's sticks work (LOITER) where the
+    throttle stick rests in the middle, or always one without sticks (BRAKE)."""
     must_hold: bool = True
     """No flight when the autopilot would do anything but hold after our setpoints have stopped."""
 

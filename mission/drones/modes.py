@@ -32,6 +32,8 @@ class FlightMode:
 
     kind: ModeKind
     name: str
+    sticks: bool = True
+    """Whether moved sticks do anything, where the autopilot's parameters do not say otherwise."""
 
 
 _PX4_MAIN: dict[int, FlightMode] = {
@@ -51,6 +53,7 @@ _PX4_AUTO: dict[int, FlightMode] = {
     8: FlightMode("mission", "Follow"),
     9: FlightMode("land", "Precision Land"),
 }
+_LOITER, _BRAKE = 5, 17
 _COPTER: dict[int, FlightMode] = {
     0: FlightMode("manual", "STABILIZE"),
     1: FlightMode("manual", "ACRO"),
@@ -63,7 +66,7 @@ _COPTER: dict[int, FlightMode] = {
     9: FlightMode("land", "LAND"),
     13: FlightMode("manual", "SPORT"),
     16: FlightMode("hold", "POSHOLD"),
-    17: FlightMode("hold", "BRAKE"),
+    17: FlightMode("hold", "BRAKE", sticks=False),
     21: FlightMode("return", "SMART_RTL"),
     23: FlightMode("mission", "FOLLOW"),
     27: FlightMode("return", "AUTO RTL"),
@@ -90,11 +93,20 @@ def flight_mode(autopilot: Autopilot, custom_mode: int) -> FlightMode:
     return FlightMode("unknown", f"mode {custom_mode}")
 
 
-def mode_parameters(autopilot: Autopilot, kind: ModeKind, attempt: int = 0) -> tuple[float, float, float]:
+def mode_parameters(
+    autopilot: Autopilot, kind: ModeKind, attempt: int = 0, *, sticks: bool = False
+) -> tuple[float, float, float]:
     """param1 to param3 of MAV_CMD_DO_SET_MODE.
 
-    ArduPilot's hold is BRAKE: LOITER would follow a throttle stick that may lie at its lower end. Should BRAKE be
-    refused, every third attempt asks for LOITER.
+    ArduPilot holds in BRAKE, which knows no sticks, or in LOITER, which would follow a throttle stick at its lower end
+    to the ground. Should one be refused, every third attempt asks for the other. PX4's Hold gives way to moved sticks
+    by itself (COM_RC_OVERRIDE).
+
+    Args:
+        autopilot: which one.
+        kind: of the mode.
+        attempt: how often it was asked for before.
+        sticks: whether the sticks rest in the middle, so that a hold may be one in which they work.
 
     Raises:
         ValueError: this mode cannot be asked for.
@@ -105,7 +117,8 @@ def mode_parameters(autopilot: Autopilot, kind: ModeKind, attempt: int = 0) -> t
         if kind in px4:
             return flag, float(px4[kind][0]), float(px4[kind][1])
     elif autopilot == "ardupilot":
-        copter = {"offboard": 4, "hold": 17 if attempt % 3 != 2 else 5, "land": 9}
+        first, other = (_LOITER, _BRAKE) if sticks else (_BRAKE, _LOITER)
+        copter = {"offboard": 4, "hold": first if attempt % 3 != 2 else other, "land": 9}
         if kind in copter:
             return flag, float(copter[kind]), 0.0
     raise ValueError(f"no {kind} mode for {autopilot}")

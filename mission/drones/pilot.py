@@ -81,7 +81,7 @@ class _Vehicle:
             wants=self._look_at,
             at_leisure=self._thinning.at_leisure,
         )
-        self.controls = MavsdkControls(self.system, self.link, self.state, self.loss)
+        self.controls = MavsdkControls(self.system, self.link, self.state, self.loss, config.flight.release)
         for loopback in (port, config.program_port):
             self.mavsdk.add_any_connection_with_handle_and_forwarding(
                 f"udpout://127.0.0.1:{loopback}", ForwardingOption.ON
@@ -136,7 +136,7 @@ class _Vehicle:
             if self.state.autopilot == "px4":
                 wanted |= {"CURRENT_MODE": 20.0, "ESTIMATOR_STATUS": 1.0}
             else:
-                wanted |= {"EKF_STATUS_REPORT": 2.0}
+                wanted |= {"EKF_STATUS_REPORT": 2.0, "RC_CHANNELS": 2.0}
             self.rates = MessageRates(self.link, wanted, now_s, self._thinning.passed_over)
         if self.rates is not None:
             self.rates.keep(now_s)

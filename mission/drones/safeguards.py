@@ -1,7 +1,7 @@
 """What the autopilot guards by itself, from its parameters: its geofence, and what it does when setpoints stop.
 
-PX4: GF_ACTION, GF_MAX_HOR_DIST, GF_MAX_VER_DIST, COM_OBL_RC_ACT. ArduPilot: FENCE_*; when setpoints stop it hovers in
-GUIDED after GUID_TIMEOUT. The polygons and circles of a fence plan come over the mission protocol (`FencePlan`).
+PX4: GF_ACTION, GF_MAX_HOR_DIST, GF_MAX_VER_DIST, COM_OBL_RC_ACT, COM_RC_OVERRIDE. ArduPilot: FENCE_*; when setpoints
+stop it hovers in GUIDED after GUID_TIMEOUT. The polygons and circles of a fence plan come over the mission protocol (`FencePlan`).
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ SAFEGUARD_MESSAGES = ("PARAM_VALUE", "HOME_POSITION", *FENCE_PLAN_MESSAGES)
 """Messages that `Safeguards.take` reads."""
 
 _NAMES: dict[Autopilot, tuple[str, ...]] = {
-    "px4": ("COM_OBL_RC_ACT", "GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST"),
+    "px4": ("COM_OBL_RC_ACT", "COM_RC_OVERRIDE", "GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST"),
     "ardupilot": (
         *("FENCE_ENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX", "FENCE_ALT_MIN"),
-        *("FENCE_AUTOENABLE", "FENCE_OPTIONS", "GUID_TIMEOUT"),
+        *("FENCE_AUTOENABLE", "FENCE_OPTIONS", "GUID_TIMEOUT", "RCMAP_THROTTLE"),
     ),
 }
 _ASK_AGAIN_S = 0.4
 _ATTEMPTS = 10
-_OPTIONAL = ("FENCE_AUTOENABLE", "FENCE_OPTIONS")
-"""Older versions have none: asked for a few times."""
+_OPTIONAL = ("COM_RC_OVERRIDE", "FENCE_AUTOENABLE", "FENCE_OPTIONS", "RCMAP_THROTTLE")
+"""Not every version has them: asked for a few times."""
+_CHANNELS = range(1, 19)
 _OPTIONAL_ATTEMPTS = 3
 _HOLD = 5
 _STOPS_THE_MOTORS = (6, 7)
@@ -47,6 +48,8 @@ _WHEN_SETPOINTS_STOP = {
     7: "stops its motors",
 }
 _LONGEST_GUIDED_S = 5.0
+_OVERRIDES_HOLD = 1
+"""Bit of COM_RC_OVERRIDE: moved sticks take the vehicle from the automatic modes to Position."""
 _FENCE_CEILING, _FENCE_CIRCLE, _FENCE_PLAN, _FENCE_FLOOR = 1, 2, 4, 8
 """Bits of FENCE_TYPE."""
 _FENCE_TYPE_DEFAULT = 7.0
@@ -90,6 +93,8 @@ class Safeguards:
         value = _number(message, self._vehicle.autopilot)
         if value is not None and message.param_id in _NAMES.get(self._vehicle.autopilot, ()):
             self._values[message.param_id] = value
+            if message.param_id == "RCMAP_THROTTLE" and value in _CHANNELS:
+                self._vehicle.sticks.throttle_channel = int(value)
 
     def ask(self, link: MavlinkLink, now_s: float) -> None:
         """Ask for what is not known yet; called at every tick, never waits."""
@@ -165,6 +170,8 @@ class Safeguards:
                 notes.append("PX4 does not tell what it does when setpoints stop (COM_OBL_RC_ACT)")
             elif action != _HOLD:
                 notes.append(f"should the pilot process die, PX4 {_instead_of_holding(action)}")
+            if "COM_RC_OVERRIDE" in values and not int(values["COM_RC_OVERRIDE"]) & _OVERRIDES_HOLD:
+                notes.append("in Hold the sticks do nothing (COM_RC_OVERRIDE): change the mode to fly by hand")
         elif values.get("GUID_TIMEOUT", 0.0) > _LONGEST_GUIDED_S:
             notes.append(f"should the pilot process die, it flies on for {values['GUID_TIMEOUT']:.0f} s (GUID_TIMEOUT)")
         if not {"GF_ACTION", "FENCE_ENABLE"} & values.keys():

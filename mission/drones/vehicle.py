@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
+from mission.drones.gps_receivers import GpsReceivers
 from mission.drones.modes import MULTICOPTERS, Autopilot, FlightMode, autopilot_of, flight_mode
 from mission.drones.packet_loss import overtaken
+from mission.drones.sticks import Sticks
 from mission.geodesy import geodetic_to_enu
 from mission.records import GeodeticOrigin, Vector
 
@@ -23,6 +25,7 @@ VEHICLE_MESSAGES = (
     "EXTENDED_SYS_STATE",
     "GPS_RAW_INT",
     "GPS2_RAW",
+    "RC_CHANNELS",
     "GLOBAL_POSITION_INT",
     "LOCAL_POSITION_NED",
     "ATTITUDE",
@@ -86,8 +89,6 @@ _HEARD_S = 1.0
 _REBOOT_MS = 1000
 _MOVES_M_S = 0.2
 _STANDING_S = 0.5
-_RECEIVER_S = 5.0
-"""A receiver that is silent for longer has no fix."""
 
 
 class VehicleState:
@@ -115,6 +116,7 @@ class VehicleState:
         self.prearm_ok: bool | None = None
         self.fence_active: bool | None = None
         """Whether the autopilot enforces a geofence now; None where it does not say."""
+        self.sticks = Sticks()
         self.gps_fix = 0
         """The best one of its receivers."""
         self.gps_accuracy_m: float | None = None
@@ -146,8 +148,7 @@ class VehicleState:
         """Sequence number of the newest packet that told the mode."""
         self._identity: tuple[int, int] | None = None
         self._boot_ms: dict[str, int] = {}
-        self._fixes: dict[str, tuple[float, int]] = {}
-        """Of each receiver: when and what it told last."""
+        self._receivers = GpsReceivers()
         self._lock = threading.Lock()
 
     def update(self, message: Any, now_s: float) -> None:
@@ -305,25 +306,24 @@ class VehicleState:
         del now_s
         self.battery_fraction = m.battery_remaining / 100.0 if 0 <= m.battery_remaining <= 100 else None
         self.prearm_ok = bool(m.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
+        rc = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+        self.sticks.heard = bool(m.onboard_control_sensors_enabled & m.onboard_control_sensors_health & rc)
         enabled = bool(m.onboard_control_sensors_enabled & mavlink.MAV_SYS_STATUS_GEOFENCE)
         # ArduPilot (AC_Fence::sys_status_present): present with a fence that is set up, also while it is switched off.
         present = bool(m.onboard_control_sensors_present & mavlink.MAV_SYS_STATUS_GEOFENCE)
         self.fence_active = True if enabled else False if present else None
+
+    def _on_rc_channels(self, m: Any, now_s: float) -> None:
+        self.sticks.take(m, now_s)
 
     def _on_extended_sys_state(self, m: Any, now_s: float) -> None:
         del now_s
         self.landed_state = m.landed_state
 
     def _on_gps(self, m: Any, now_s: float) -> None:
-        self._fixes[m.get_type()] = now_s, m.fix_type
-        fixes = {name: fix for name, (t_s, fix) in self._fixes.items() if now_s - t_s < _RECEIVER_S}
-        self.gps_fix = max(fixes.values())
-        if m.fix_type < self.gps_fix or (m.get_type() != "GPS_RAW_INT" and fixes.get("GPS_RAW_INT") == self.gps_fix):
-            return  # the other receiver is the one that is used
-        self.gps_accuracy_m = m.h_acc * 1e-3 if m.h_acc else None
-        # The same to the millimetre: a receiver without a model of the geoid gives one for the other.
-        separation_mm = m.alt_ellipsoid - m.alt if m.alt_ellipsoid else 0
-        self.geoid_separation_m = separation_mm * 1e-3 if separation_mm else None
+        gps = self._receivers
+        gps.take(m, now_s)
+        self.gps_fix, self.gps_accuracy_m, self.geoid_separation_m = gps.fix, gps.accuracy_m, gps.geoid_separation_m
 
     def _on_global_position_int(self, m: Any, now_s: float) -> None:
         if not on_earth(m.lat, m.lon) or not self._advances(m, now_s):
@@ -394,6 +394,7 @@ _UPDATES = {
     "SYS_STATUS": VehicleState._on_sys_status,
     "EXTENDED_SYS_STATE": VehicleState._on_extended_sys_state,
     "GPS_RAW_INT": VehicleState._on_gps,
+    "RC_CHANNELS": VehicleState._on_rc_channels,
     "GPS2_RAW": VehicleState._on_gps,
     "GLOBAL_POSITION_INT": VehicleState._on_global_position_int,
     "LOCAL_POSITION_NED": VehicleState._on_local_position_ned,

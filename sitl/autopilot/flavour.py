@@ -119,6 +119,7 @@ PX4 = Flavour(
     parameters={
         "COM_OF_LOSS_T": 1.0,
         "COM_OBL_RC_ACT": 0,
+        "COM_RC_OVERRIDE": 1,
         "COM_LOW_BAT_ACT": 0,
         "COM_DISARM_PRFLT": 10.0,
         "BAT_LOW_THR": 0.15,
@@ -175,6 +176,9 @@ ARDUPILOT = Flavour(
         "FENCE_ALT_MAX": 100.0,
         "FENCE_ALT_MIN": -10.0,
         "FENCE_TOTAL": 0,
+        "FENCE_AUTOENABLE": 0,
+        "FENCE_OPTIONS": 0,
+        "RCMAP_THROTTLE": 3,
         "RTL_ALT": 1500.0,
         "WPNAV_SPEED": 500.0,
         "SYSID_THISMAV": 1,

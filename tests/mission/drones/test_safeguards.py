@@ -14,8 +14,14 @@ from mission.drones.safeguards import Safeguards
 from mission.settings import LinkSettings
 from tests.mission.drones.fake_vehicle import FakeVehicle
 
-INTEGERS = {"COM_OBL_RC_ACT", "GF_ACTION"}
-PX4 = {"COM_OBL_RC_ACT": 5.0, "GF_ACTION": 2.0, "GF_MAX_HOR_DIST": 20.0, "GF_MAX_VER_DIST": 10.0}
+INTEGERS = {"COM_OBL_RC_ACT", "COM_RC_OVERRIDE", "GF_ACTION"}
+PX4 = {
+    "COM_OBL_RC_ACT": 5.0,
+    "COM_RC_OVERRIDE": 1.0,
+    "GF_ACTION": 2.0,
+    "GF_MAX_HOR_DIST": 20.0,
+    "GF_MAX_VER_DIST": 10.0,
+}
 COPTER = {
     "FENCE_ENABLE": 1.0,
     "FENCE_TYPE": 7.0,
@@ -25,6 +31,7 @@ COPTER = {
     "FENCE_AUTOENABLE": 0.0,
     "FENCE_OPTIONS": 0.0,
     "GUID_TIMEOUT": 3.0,
+    "RCMAP_THROTTLE": 3.0,
 }
 NO_FENCE = {"px4": {**PX4, "GF_ACTION": 0.0}, "ardupilot": {**COPTER, "FENCE_ENABLE": 0.0}}
 
@@ -194,6 +201,12 @@ def test_a_fence_across_the_date_line_is_round_home() -> None:
     here = vehicle.state.local
     assert here is not None
     assert np.linalg.norm(fence.centre_ned_m - here.position_ned_m[:2]) == pytest.approx(10.6, abs=0.1)
+
+
+def test_sticks_that_do_nothing_in_px4s_hold_are_told() -> None:
+    assert Guarded("px4").safeguards.cautions() == []
+    (note,) = Guarded("px4", COM_RC_OVERRIDE=2.0).safeguards.cautions()
+    assert "in Hold the sticks do nothing" in note
 
 
 def test_a_long_guided_timeout_is_told() -> None:
