@@ -1,7 +1,7 @@
 """What the autopilot guards by itself, from its parameters: its geofence, and what it does when setpoints stop.
 
 PX4: GF_ACTION, GF_MAX_HOR_DIST, GF_MAX_VER_DIST, COM_OBL_RC_ACT, COM_RC_OVERRIDE. ArduPilot: FENCE_*; when setpoints
-stop it hovers in GUIDED after GUID_TIMEOUT. The polygons and circles of a fence plan come over the mission protocol (`FencePlan`).
+stop it hovers in GUIDED after GUID_TIMEOUT. Polygons and circles come over the mission protocol (`FencePlan`).
 """
 
 from __future__ import annotations
