@@ -46,8 +46,8 @@ class MavsdkControls:
         link: the pilot process's own pymavlink side, for all orders.
         vehicle: what the autopilot reports.
         loss: of the packets that the autopilot sends.
-        release: the mode in which control is given back (`FlightSettings.release`).
         clock: monotonic seconds.
+        release: the mode in which control is given back (`FlightSettings.release`).
     """
 
     def __init__(
@@ -56,8 +56,9 @@ class MavsdkControls:
         link: MavlinkLink,
         vehicle: VehicleState,
         loss: PacketLoss,
-        release: Literal["sticks", "hold"] = "sticks",
         clock: Callable[[], float] = time.monotonic,
+        *,
+        release: Literal["sticks", "hold"] = "sticks",
     ) -> None:
         self._system = system
         self._link = link

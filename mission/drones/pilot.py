@@ -81,7 +81,7 @@ class _Vehicle:
             wants=self._look_at,
             at_leisure=self._thinning.at_leisure,
         )
-        self.controls = MavsdkControls(self.system, self.link, self.state, self.loss, config.flight.release)
+        self.controls = MavsdkControls(self.system, self.link, self.state, self.loss, release=config.flight.release)
         for loopback in (port, config.program_port):
             self.mavsdk.add_any_connection_with_handle_and_forwarding(
                 f"udpout://127.0.0.1:{loopback}", ForwardingOption.ON

@@ -7,6 +7,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from mission.drones.modes import mode_parameters
 from mission.drones.vehicle import VehicleState
+from tests.mission.drones.wired_vehicle import WiredVehicle
 
 LOITER, BRAKE = 5.0, 17.0
 RC = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
@@ -25,6 +26,10 @@ def vehicle(throttle_us: int, *, healthy: bool = True, channels: int = 8, at: in
     pulses[at - 1] = throttle_us
     heard(state, mavlink.MAVLink_rc_channels_message(0, channels, *pulses, 255), 10.0)
     return state
+
+
+def rc_channels(throttle_us: int) -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_rc_channels_message(0, 8, 1500, 1500, throttle_us, *[1500] * 15, 255)
 
 
 @pytest.mark.parametrize(
@@ -49,3 +54,20 @@ def test_ardupilot_is_asked_for_the_other_hold_when_it_refuses_the_first(sticks:
 
 def test_px4_holds_in_hold_which_gives_way_to_the_sticks_by_itself() -> None:
     assert mode_parameters("px4", "hold", sticks=True) == mode_parameters("px4", "hold") == (1.0, 4.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("throttle_us", "name", "said"), [(1500, "LOITER", "given back"), (1100, "BRAKE", "sticks do nothing in it")]
+)
+def test_control_comes_back_in_a_mode_with_sticks_where_they_rest(throttle_us: int, name: str, said: str) -> None:
+    flown = WiredVehicle("ardupilot", "loiter")
+    flown.begin()
+    flown.order("hover")
+    flown.run(1.5)
+    told = vehicle(throttle_us).sticks
+    told.take(rc_channels(throttle_us), flown.now_s)
+    flown.state.sticks = told
+    hold = flown.order("hold")
+    flown.run(1.5)
+    assert flown.state.mode.name == name
+    assert said in flown.last(hold).reason
