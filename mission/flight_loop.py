@@ -78,6 +78,11 @@ class FlightLoop:
                 return
         raise FlightEnded(f"the aircraft did not finish its {order.kind if order else 'order'}", "It holds its place.")
 
+    @property
+    def video_note(self) -> str:
+        """What is wrong with the video and was put right; empty where nothing is."""
+        return self._video.stats().note
+
     def frames(self, timeout_s: float) -> Iterator[Frame]:
         """New frames, newest first, until the time is over.
 
@@ -96,8 +101,10 @@ class FlightLoop:
                 self._last_index, self.last_frame_s = frame.index, self._clock()
                 yield frame
             elif self._clock() - self.last_frame_s > VIDEO_LOST_S:
+                why = self._video.stats().error
                 raise VideoError(
-                    f"no picture for {VIDEO_LOST_S:.0f} s", "Check the camera and the video link; the aircraft holds."
+                    f"no picture for {VIDEO_LOST_S:.0f} s{f' ({why})' if why else ''}",
+                    "Check the camera and the video link; the aircraft holds.",
                 )
 
     def meanwhile(self, work: Callable[[], Result]) -> Result:

@@ -55,6 +55,8 @@ class Told:
     origin: GeodeticOrigin | None
     noise: NoiseModel
     """Of the reported pose at its own time."""
+    video_note: str = ""
+    """What was wrong with the video and was put right."""
 
 
 class Locate:
@@ -264,7 +266,7 @@ class Locate:
         return located if ended is not None or afterwards is None else replace(located, ended=afterwards.cause)
 
     def _told(self) -> Told:
-        return Told(self._drone.poses(), self._drone.origin, self._drone.noise())
+        return Told(self._drone.poses(), self._drone.origin, self._drone.noise(), self._loop.video_note)
 
     def _answer(self, record: FlightRecord, told: Told, last_frame_s: float) -> Located:
         """In a thread of its own: the aircraft itself is not asked, since only the flight's loop speaks to it."""
@@ -277,7 +279,8 @@ class Locate:
         self._before = flight.id
         self._watcher.sightings(flight)
         estimate = self._passes.estimate(flight)
-        estimate = replace(estimate, notes=(*estimate.notes, steadied.note()))
+        notes = (steadied.note(), *([told.video_note] if told.video_note else []))
+        estimate = replace(estimate, notes=(*estimate.notes, *notes))
         comparisons = []
         for name in ("stereo", "three-image", "four-image"):
             try:

@@ -53,6 +53,7 @@ class PoseBuffer:
 
     def __init__(self, max_gap_s: float = 0.3, keep_s: float = 30.0, max_messages: int = 8000) -> None:
         self._max_gap_s = max_gap_s
+        self._rate_hz = max_messages / keep_s
         self._positions = _Stream(keep_s, max_messages)
         self._attitudes = _Stream(keep_s, max_messages)
         self._lock = threading.Lock()
@@ -70,6 +71,12 @@ class PoseBuffer:
             return False
         with self._lock:
             return self._attitudes.add(t_s, np.asarray(world_from_body_wxyz, np.float64) / norm)
+
+    def keep_for(self, keep_s: float) -> None:
+        """Keep more of the past from now on: a flight's poses are wanted until its end."""
+        with self._lock:
+            for stream in (self._positions, self._attitudes):
+                stream.keep_for(keep_s, round(self._rate_hz * keep_s))
 
     def snapshot(self) -> PoseBuffer:
         """A copy that nothing is added to any more."""
@@ -130,6 +137,9 @@ class _Stream:
             del self.times[:first]
             del self.values[:first]
         return True
+
+    def keep_for(self, keep_s: float, max_messages: int) -> None:
+        self._keep_s, self._max = max(self._keep_s, keep_s), max(self._max, max_messages)
 
     def copy(self) -> _Stream:
         copy = _Stream(self._keep_s, self._max)

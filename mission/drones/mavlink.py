@@ -15,13 +15,13 @@ import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.clock import ClockMap
-from mission.drones.drone import Capabilities
+from mission.drones.drone import Bounds, Capabilities
 from mission.drones.limits import FlightSettings
 from mission.drones.link import MavlinkLink
 from mission.drones.loopback import loopback_socket
 from mission.drones.packet_loss import PacketLoss
 from mission.drones.pilot_config import PROGRAM_COMPONENT, PilotConfig
-from mission.drones.piloted_drone import PilotedDrone
+from mission.drones.piloted_drone import KEPT_BEFORE_S, PilotedDrone
 from mission.drones.pose_quality import attitude_covariance, noise_model, position_covariance
 from mission.drones.rates import MessageRates
 from mission.drones.thinning import Thinning
@@ -84,6 +84,11 @@ class MavlinkDrone(PilotedDrone):
         self._newest_boot_s = 0.0
         self._loss = PacketLoss()
         self._thinning = Thinning(self._target_system, self._clock(), sparing=self._sparing)
+
+    def begin(self, bounds: Bounds) -> None:
+        """See `Drone.begin`; poses are kept for as long as the flight may take."""
+        super().begin(bounds)
+        self._poses.keep_for(bounds.max_duration_s + KEPT_BEFORE_S)
 
     @property
     def name(self) -> str:

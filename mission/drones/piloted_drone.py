@@ -10,6 +10,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path as FilePath
+from typing import Final
 
 from pydantic import BaseModel
 
@@ -22,6 +23,10 @@ from mission.drones.vehicle import VehicleState
 from mission.errors import LinkError
 
 _POSES_S = 5.0
+
+
+KEPT_BEFORE_S: Final = 30.0
+"""Poses from before an order, which the turn towards the target and the time offset are measured with."""
 
 
 class PilotedDrone(ABC):

@@ -48,8 +48,8 @@ _LEVELS_BACK = 1
 _STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)
 _GROWN = 0.25
 """By which a person's box is grown on each side, as a share of its width: arms, shadow at the feet, a loose box."""
-MAX_FRAMES = 1200
-"""Frames that are kept; a minute of video at 20 frames a second."""
+MAX_FRAMES = 6000
+"""Frames that are kept; five minutes of video at 20 frames a second, longer than any pattern that is worth flying."""
 
 Points = NDArray[np.float32]
 """(n, 2)."""

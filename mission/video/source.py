@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Literal, Protocol
 
 import av.error
+import cv2
 import numpy as np
 from av.packet import Packet
 from av.video.frame import VideoFrame
@@ -28,6 +29,8 @@ _log = logging.getLogger(__name__)
 
 _FIRST_DELAY_S = 0.1
 _LAST_DELAY_S = 2.0
+_SAME_SHAPE = 0.01
+"""Relative difference of two pictures' width to height that is rounding."""
 _RATE_WINDOW_S = 2.0
 _CLOSE_S = 0.3
 
@@ -128,7 +131,8 @@ class _StreamVideo:
         self._decoded_at: deque[float] = deque(maxlen=256)
         self._last_t_s = -np.inf
         self._failure = explain(url, TimeoutError(), self._live)
-        self._error = ""
+        self._error = self._note = ""
+        self._size: tuple[int, int] | None = None
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
         self._thread.start()
 
@@ -176,6 +180,7 @@ class _StreamVideo:
                 age,
                 mean_s,
                 self._error,
+                self._note,
             )
 
     def close(self) -> None:
@@ -252,7 +257,24 @@ class _StreamVideo:
                 first_t_s = t_s if first_t_s is None else first_t_s
                 if not self._live and not self._wait_taken:
                     self._closing.wait(max(0.0, opened_s + t_s - first_t_s - self._clock()))
+                self._say(timeline.note)
                 self._publish(picture, t_s, timeline.settled)
+
+    def _sized(self, image: Image) -> Image:
+        """The picture in the size of the first one, which is what the camera's calibration is for.
+
+        Raises:
+            VideoError: it has another shape, so that it shows something else.
+        """
+        height, width = image.shape[:2]
+        self._size = self._size or (width, height)
+        if self._size == (width, height):
+            return image
+        change = f"the picture changed from {self._size[0]} x {self._size[1]} to {width} x {height} pixels"
+        if abs(width * self._size[1] - height * self._size[0]) > _SAME_SHAPE * width * self._size[1]:
+            raise VideoError(change, "Let the camera keep its picture size in flight; start again for another one.")
+        self._say(f"{change}: it is scaled back")
+        return np.asarray(cv2.resize(image, self._size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
 
     def _decode(self, packet: Packet[VideoStream]) -> list[VideoFrame]:
         try:
@@ -265,9 +287,14 @@ class _StreamVideo:
         self._damaged += len(pictures) - len(whole)
         return whole
 
+    def _say(self, note: str) -> None:
+        if note and note != self._note:
+            self._note = note
+            _log.warning("%s: %s", shown(self._url), note)
+
     def _publish(self, picture: VideoFrame, t_s: float, settled: bool) -> None:
         began_s = time.perf_counter()
-        image: Image = np.asarray(picture.to_ndarray(format="bgr24"), dtype=np.uint8)
+        image = self._sized(np.asarray(picture.to_ndarray(format="bgr24"), dtype=np.uint8))
         self._busy_s += time.perf_counter() - began_s
         with self._changed:
             index = self._decoded

@@ -36,3 +36,5 @@ class VideoStats:
     """Mean time for decoding a frame and turning it into BGR."""
     error: str
     """Why it is not playing; empty while it is."""
+    note: str = ""
+    """What is wrong with the stream and was put right, for the operator; empty where nothing is."""

@@ -225,3 +225,15 @@ def test_ten_messages_a_second_interpolate_to_what_fifty_said(path: Path) -> Non
     assert float(np.sqrt((off**2).mean())) < 0.02
     turned = np.abs(whole.heading_rad[a] - thinned.heading_rad[b])
     assert math.degrees(float(np.percentile(turned, 99))) < 0.5
+
+
+def test_the_poses_of_a_long_flight_are_kept_from_its_beginning() -> None:
+    buffer = PoseBuffer()
+    buffer.keep_for(120.0)
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    for k in range(round(100.0 * 50.0)):
+        buffer.add_position(k / 50.0, np.zeros(3), np.zeros(3))
+        buffer.add_attitude(k / 50.0, upright)
+    for kept in (buffer, buffer.snapshot()):
+        assert kept.at(0.5, np.eye(3), np.eye(3)) is not None
+        assert kept.at(99.5, np.eye(3), np.eye(3)) is not None

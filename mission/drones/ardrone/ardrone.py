@@ -21,10 +21,10 @@ from mission.drones.ardrone.pose_quality import attitude_covariance, noise_model
 from mission.drones.ardrone.reckoning import Reckoning
 from mission.drones.ardrone.url import ardrone_address
 from mission.drones.ardrone.vehicle import ArdroneVehicle
-from mission.drones.drone import Capabilities
+from mission.drones.drone import Bounds, Capabilities
 from mission.drones.limits import FlightSettings
 from mission.drones.loopback import loopback_socket
-from mission.drones.piloted_drone import PilotedDrone
+from mission.drones.piloted_drone import KEPT_BEFORE_S, PilotedDrone
 from mission.errors import LinkError
 from mission.pose import Pose, PoseAt, PoseBuffer
 from mission.pose_history import PoseHistory
@@ -76,6 +76,11 @@ class ARDrone(PilotedDrone):
         self._drone_clock = ClockMap()
         self._poses = PoseBuffer()
         self._arrivals: deque[float] = deque(maxlen=600)
+
+    def begin(self, bounds: Bounds) -> None:
+        """See `Drone.begin`; poses are kept for as long as the flight may take."""
+        super().begin(bounds)
+        self._poses.keep_for(bounds.max_duration_s + KEPT_BEFORE_S)
 
     @property
     def name(self) -> str:

@@ -1,3 +1,5 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -88,3 +90,42 @@ def test_packets_are_remembered_for_a_while() -> None:
     for i in range(1000):
         queue.note(10.0 + i, float(i))
     assert queue.of(0.2, 9.0) == 9.0  # forgotten: the memory is bounded
+
+
+def errors_s(stamp_of: Callable[[int, float], float], fps: float, seed: int = 1) -> tuple[list[float], LiveTimeline]:
+    """How far the times of the frames that may be relied on are off, from ten seconds on."""
+    rng, timeline, errors = np.random.default_rng(seed), LiveTimeline(), []
+    for k in range(round(40.0 * fps)):
+        true_s = 1000.0 + k / fps
+        t_s = timeline.time_of(stamp_of(k, k / fps), true_s + 0.05 + abs(rng.normal(0.0, 0.01)))
+        if timeline.settled and k / fps > 10.0:
+            errors.append(t_s - true_s - 0.05)
+    return errors, timeline
+
+
+@pytest.mark.parametrize("rate", [0.8, 0.84, 0.95, 1.05, 1.2])
+def test_stamps_that_count_frames_are_found_out(rate: float) -> None:
+    errors, timeline = errors_s(lambda k, _: k / 25.0, 25.0 * rate)
+    assert len(errors) > 500
+    assert np.abs(errors).max() < 0.05
+    assert f"run at {rate:.2f} of real time" in timeline.note
+
+
+@pytest.mark.parametrize("step_s", [-0.8, -0.2, 0.2, 0.4])
+def test_stamps_that_step_stay_within_a_frame_or_two(step_s: float) -> None:
+    errors, timeline = errors_s(lambda _, t: 5.0 + t + (step_s if t > 20.0 else 0.0), 25.0)
+    assert np.abs(errors).max() < 0.08
+    assert ("set back" in timeline.note) == (step_s < 0.0)
+
+
+def test_stamps_that_stand_still_are_none() -> None:
+    errors, timeline = errors_s(lambda _k, _t: 0.0, 25.0)
+    assert np.abs(errors).max() < 0.06
+    assert "stand still" in timeline.note
+
+
+def test_honest_stamps_are_not_suspected_in_jitter() -> None:
+    for seed in range(5):
+        errors, timeline = errors_s(lambda _, t: 5.0 + 1.002 * t, 25.0, seed)
+        assert np.abs(errors).max() < 0.03
+        assert timeline.note == ""

@@ -259,3 +259,30 @@ def test_urls_are_told_apart() -> None:
     assert is_live("session.sdp")
     assert not is_live("file:///flight.mp4")
     assert not is_live("flight.mp4")
+
+
+def pictures(folder: Path, *sizes: tuple[int, int]) -> str:
+    for count, (width, height) in enumerate(sizes, 1):
+        image = cv2.resize(numbered(count), (width, height))
+        assert cv2.imwrite(str(folder / f"{count:04d}.png"), image)
+    return str(folder / "%04d.png")
+
+
+def test_a_picture_of_another_size_is_scaled_back_and_told(tmp_path: Path) -> None:
+    video = open_video(pictures(tmp_path, (320, 240), (320, 240), (160, 120), (160, 120)), pace="consumed")
+    try:
+        frames = list(taken(video, 4))
+        assert {frame.image.shape for frame in frames} == {(240, 320, 3)}
+        assert "changed from 320 x 240 to 160 x 120 pixels: it is scaled back" in video.stats().note
+    finally:
+        video.close()
+
+
+def test_a_picture_of_another_shape_ends_the_video(tmp_path: Path) -> None:
+    video = open_video(pictures(tmp_path, (320, 240), (320, 240), (320, 180), (320, 180)), pace="consumed")
+    try:
+        list(taken(video, 2))
+        until(video, VideoState.ENDED)
+        assert "changed from 320 x 240 to 320 x 180" in video.stats().error
+    finally:
+        video.close()
