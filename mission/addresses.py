@@ -57,7 +57,7 @@ def shown_address(address: str) -> str:
     >>> shown_address("rtsp://pilot:secret@camera/live?channel=1&token=4711")
     'rtsp://***@camera/live?channel=1&***'
     """
-    scheme = _SCHEME.search(address)
+    scheme = _SCHEME.match(address)
     start = 0 if scheme is None else scheme.end()
     head, rest = address[:start], _without_user(address[start:], after_scheme=scheme is not None)
     query = _QUERY.search(rest)
@@ -80,11 +80,13 @@ def without_secrets(text: str) -> str:
 def _shown_word(word: str) -> str:
     at = _AT.search(word)
     logs_in = at is not None and _HAS_COLON.search(word, 0, at.start()) is not None
-    if _SCHEME.search(word) is None and not logs_in and _SECRET_NAME.search(word) is None:
+    scheme = _SCHEME.search(word)
+    if scheme is None and not logs_in and _SECRET_NAME.search(word) is None:
         return word
     end = _TRAILING.search(word)
     stop = len(word) if end is None else end.start()
-    return shown_address(word[:stop]) + word[stop:]
+    start = 0 if scheme is None or _HAS_COLON.search(word, 0, scheme.start()) else scheme.start()  # a quotation mark
+    return word[:start] + shown_address(word[start:stop]) + word[stop:]
 
 
 def _without_user(rest: str, *, after_scheme: bool) -> str:
