@@ -290,7 +290,7 @@ class _StreamVideo:
     def _say(self, note: str) -> None:
         if note and note != self._note:
             self._note = note
-            _log.warning("%s: %s", shown(self._url), note)
+            _log.warning("%s: %s", shown_address(self._url), note)
 
     def _publish(self, picture: VideoFrame, t_s: float, settled: bool) -> None:
         began_s = time.perf_counter()
