@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,8 +23,8 @@ _TEXTS: Final[dict[Reason, str]] = {
     "stranger": "is not allowed to give orders",
     "unsigned": "does not sign its orders",
     "forged": "signs with another key",
-    "replayed": "sent an order a second time",
-    "old": "signs with an old time: check its clock",
+    "replayed": "sent an order a second time, or its clock was set back",
+    "old": "signed this {behind} ago: it was held back on its way, or its clock is wrong (set it)",
     "too-many": "sends too many commands",
 }
 
@@ -49,6 +50,7 @@ class Authority:
         key: of MAVLink 2 signing; None obeys unsigned orders, too.
         utc: the present time.
         memory: of signatures' timestamps, over a restart.
+        clock: monotonic seconds.
     """
 
     def __init__(
@@ -57,10 +59,11 @@ class Authority:
         key: bytes | None = None,
         utc: Callable[[], datetime] = lambda: datetime.now(UTC),
         memory: SignatureMemory | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._settings = settings
         self._allowed = frozenset(settings.allowed)
-        self._signatures = None if key is None else SignatureCheck(key, utc, memory)
+        self._signatures = None if key is None else SignatureCheck(key, utc, memory, clock)
         self._strangers = self._bucket()
         self._senders: dict[tuple[int, int], TokenBucket] = {}
         self._flights = TokenBucket(settings.flights_per_minute / 60.0, FLIGHT_BURST)
@@ -90,23 +93,29 @@ class Authority:
         return True
 
     def vouched(self, message: Message) -> bool:
-        """Whether it is from an allowed sender, signed where a key is set."""
+        """Whether it is from an allowed sender; where a key is set, signed with it, and not played again."""
         if not self.knows(message):
             return False
-        return self._signatures is None or self._signatures.genuine(bytes(message.get_msgbuf()))
+        return self._signatures is None or self._signatures.fresh(bytes(message.get_msgbuf()))
 
-    def refusal(self, message: Message) -> Refusal | None:
-        """Why this order is not obeyed, or None. To be asked once for each message: a signature counts once."""
+    def refusal(self, message: Message, *, stop: bool = False) -> Refusal | None:
+        """Why this order is not obeyed, or None. To be asked once for each message: a signature counts once.
+
+        Args:
+            message: the order.
+            stop: whether it only ends something, and may come late.
+        """
         reason: Reason | None = None
         if not self.knows(message):
             reason = "stranger"
         elif self._signatures is not None:
-            reason = self._signatures.fault(bytes(message.get_msgbuf()))
+            reason = self._signatures.fault(bytes(message.get_msgbuf()), ageless=stop)
         if reason is None:
             return None
         self.counts[reason] += 1
         who = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
-        return Refusal(reason, f"{who} {_TEXTS[reason]}")
+        behind_s = 0.0 if self._signatures is None else self._signatures.behind_s
+        return Refusal(reason, f"{who} {_TEXTS[reason].format(behind=_span(behind_s))}")
 
     def hear(self, message: Message) -> None:
         """Note the signature's timestamp of something that is no order: what is older than this is refused from now on.
@@ -123,3 +132,11 @@ class Authority:
     def signing_timestamp(self) -> int | None:
         """For the next frame that we sign; None without a key."""
         return None if self._signatures is None else self._signatures.timestamp()
+
+
+def _span(seconds: float) -> str:
+    """A time span for people."""
+    for unit, length_s in (("days", 86400.0), ("hours", 3600.0), ("min", 60.0)):
+        if seconds >= 3.0 * length_s:
+            return f"{seconds / length_s:.0f} {unit}"
+    return f"{seconds:.0f} s"

@@ -12,13 +12,13 @@ import os
 from pathlib import Path
 from typing import Final
 
-from mission.errors import SettingsError
-
 _LOG = logging.getLogger(__name__)
 
 Stream = tuple[int, int, int]
 """Link id, system id, component id: each counts its timestamps for itself."""
 
+TIMESTAMPS: Final = 2**48
+"""They have six bytes on the wire."""
 SELDOM_S: Final = 5.0
 """Between two times that timestamps of messages that are no orders are written."""
 
@@ -27,10 +27,7 @@ class SignatureMemory:
     """A small file. It outlives the program at once, and a power cut after some seconds (it is not forced to the disk).
 
     Args:
-        path: made when it is not there; its folder is there.
-
-    Raises:
-        SettingsError: the file is not one of ours.
+        path: made when it is not there; its folder is there. One that cannot be read is replaced.
     """
 
     def __init__(self, path: Path) -> None:
@@ -39,15 +36,14 @@ class SignatureMemory:
         self._failed = False
         self.streams: dict[Stream, int] = {}
         """Newest timestamps, 10 us since 2015, as they were written last."""
+        self.lost = ""
+        """Why the file could not be read, in the operator's words; empty when it was, or is not there."""
         try:
             self.streams = _parsed(path.read_text("ascii"))
         except FileNotFoundError:
             return
         except (OSError, ValueError, RecursionError) as error:
-            raise SettingsError(
-                f"{path} cannot be read: {error}",
-                "Delete it; what was signed within the minute before could then be sent a second time.",
-            ) from error
+            self.lost = f"{path}, so that what was signed before now is refused: {str(error)[:120]}"
 
     def keep(self, streams: dict[Stream, int], now_s: float, *, order: bool) -> None:
         """Write the newest timestamps: at once for an order, else when the last time is long enough ago."""
@@ -77,7 +73,9 @@ def _parsed(text: str) -> dict[Stream, int]:
     found = {}
     for name, stamp in content.items():
         numbers = [int(part) for part in str(name).split("/")]
-        if len(numbers) != 3 or not isinstance(stamp, int) or not all(0 <= n <= 255 for n in numbers):
+        if len(numbers) != 3 or not all(0 <= n <= 255 for n in numbers):
             raise ValueError(f"{name} is no sender")
+        if not isinstance(stamp, int) or not 0 <= stamp < TIMESTAMPS:
+            raise ValueError(f"{name} has no timestamp")
         found[numbers[0], numbers[1], numbers[2]] = stamp
     return found

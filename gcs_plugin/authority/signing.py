@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import threading
+import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,9 +26,10 @@ UNITS_PER_S: Final = 100_000
 """Timestamps count 10 us."""
 EPOCH: Final = datetime(2015, 1, 1, tzinfo=UTC)
 NEW_STREAM_UNITS: Final = 60 * UNITS_PER_S
-"""How old the first frame of a sender may be."""
+"""How old the first frame of a stream may be."""
 ORDER_AGE_UNITS: Final = 10 * UNITS_PER_S
-"""How much later than its sender's other frames a frame may come."""
+"""How much later than the most punctual frame of its stream a frame may come."""
+LAST_TIMESTAMP: Final = 2**48 - 2
 MOST_STREAMS: Final = 256
 
 Fault = Literal["unsigned", "forged", "replayed", "old"]
@@ -64,28 +67,95 @@ def timestamp_of(utc: datetime) -> int:
 class SignatureCheck:
     """Whether frames are signed with the key, later than what their sender signed before, and not held back.
 
-    A station's clock may be off, and some count on from their start, so that the age of a frame says little by itself.
-    But the frames of one sender all lag the same behind the present time: one that lags by 10 s more than the last good
-    one was held back on its way, and is no order any more.
+    A station's clock may be off, and some count their frames rather than the time, so that the age of a frame says
+    little by itself. But all stations take over the time of the signed frames that they hear (the component's
+    heartbeat, once a second), so that the frames of one sender lag about the same behind this program's monotonic
+    clock: one that lags by `ORDER_AGE_UNITS` more than the most punctual one of its stream was held back on its way.
+    Steps of this computer's clock (a GPS fix, NTP) do not count. The first frame of a stream is measured by UTC.
+
+    `genuine`, `fresh` and `timestamp` may be called from any thread, the rest from one.
 
     Args:
         key: 32 bytes.
         utc: the present time.
         memory: of the timestamps before the program's start; without it a restart forgets them.
+        clock: monotonic seconds.
     """
 
-    def __init__(self, key: bytes, utc: Callable[[], datetime], memory: SignatureMemory | None = None) -> None:
+    def __init__(
+        self,
+        key: bytes,
+        utc: Callable[[], datetime],
+        memory: SignatureMemory | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._key = key
         self._utc = utc
+        self._clock = clock
         self._memory = memory
         self._streams = {} if memory is None else dict(memory.streams)
         self._lags: dict[Stream, int] = {}
-        """By how much each sender's last good frame was behind the present time, since the start of the program."""
-        self._newest = max(self._streams.values(), default=0)
+        """By how much each stream's most punctual frame was behind the monotonic clock, since the program's start."""
+        self._floor = timestamp_of(utc()) if memory is not None and memory.lost else 0
+        """What a stream of which nothing is known has signed until then may be a replay."""
+        self._lock = threading.Lock()
+        self._reference = (max(self._streams.values(), default=0), clock())
+        """The latest timestamp that was signed by anybody or given out, and when."""
+        self.behind_s = 0.0
+        """By how much the last frame that was "old" came too late."""
 
     def genuine(self, frame: bytes) -> bool:
         """Whether a frame carries the key's signature, however old it is; the frame is not used up."""
         return self._wrong(frame) is None
+
+    def fresh(self, frame: bytes) -> bool:
+        """Whether a frame is genuine, and later than what its stream signed before; the frame is not used up."""
+        if self._wrong(frame) is not None:
+            return False
+        stamp, stream = _stamp(frame)
+        known = self._streams.get(stream)
+        return known is None or stamp > known
+
+    def fault(self, frame: bytes, *, order: bool = True, ageless: bool = False) -> Fault | None:
+        """What is wrong with a frame's signature; None when it is good, and the frame is used up then.
+
+        Args:
+            frame: a whole frame whose checksum is right.
+            order: whether it will be obeyed when nothing is wrong, so that it must not come again, whatever happens.
+            ageless: whether it may come late: a stop does no harm.
+        """
+        wrong = self._wrong(frame)
+        if wrong is not None:
+            return wrong
+        stamp, stream = _stamp(frame)
+        known = self._streams.get(stream)
+        if known is not None and stamp <= known:
+            return "replayed"
+        if known is None and len(self._streams) >= MOST_STREAMS:
+            return "old"
+        if not ageless and self._late(stamp, stream):
+            return "old"
+        self._streams[stream] = stamp
+        with self._lock:
+            self._reference = (max(stamp, self._going_on()), self._clock())
+        if self._memory is not None:
+            self._memory.keep(self._streams, self._utc().timestamp(), order=order)
+        return None
+
+    def timestamp(self) -> int:
+        """For the next frame that we sign: the present time, or what the newest good frame made of it if that is later.
+
+        It goes on with the time, and never back.
+        """
+        with self._lock:
+            present = max(timestamp_of(self._utc()), self._going_on())
+            self._reference = (present, self._clock())
+            return min(present, LAST_TIMESTAMP)
+
+    def _going_on(self) -> int:
+        """The latest timestamp, as it has grown with the time since."""
+        stamp, at_s = self._reference
+        return stamp + int((self._clock() - at_s) * UNITS_PER_S)
 
     def _wrong(self, frame: bytes) -> Fault | None:
         signed = (
@@ -98,33 +168,25 @@ class SignatureCheck:
         expected = hashlib.sha256(self._key + frame[:-6]).digest()[:6]
         return None if hmac.compare_digest(expected, bytes(frame[-6:])) else "forged"
 
-    def fault(self, frame: bytes, *, order: bool = True) -> Fault | None:
-        """What is wrong with a frame's signature; None when it is good, and the frame is used up then.
+    def _late(self, stamp: int, stream: Stream) -> bool:
+        """Whether a frame was held back; the most punctual one of its stream is noted."""
+        lag = int(self._clock() * UNITS_PER_S) - stamp
+        usual = self._lags.get(stream)
+        if usual is None:
+            too_late = self.timestamp() - stamp - NEW_STREAM_UNITS
+            if stream not in self._streams:
+                too_late = max(too_late, self._floor - stamp)
+            behind = self.timestamp() - stamp
+        else:
+            too_late = lag - usual - ORDER_AGE_UNITS
+            behind = lag - usual
+        if too_late > 0:
+            self.behind_s = behind / UNITS_PER_S
+            return True
+        self._lags[stream] = lag if usual is None else min(lag, usual)
+        return False
 
-        Args:
-            frame: a whole frame whose checksum is right.
-            order: whether it will be obeyed when nothing is wrong, so that it must not come again, whatever happens.
-        """
-        wrong = self._wrong(frame)
-        if wrong is not None:
-            return wrong
-        stamp = int.from_bytes(frame[-12:-6], "little")
-        stream = (frame[-13], frame[5], frame[6])
-        known = self._streams.get(stream)
-        if known is not None and stamp <= known:
-            return "replayed"
-        if known is None and (stamp + NEW_STREAM_UNITS < self.timestamp() or len(self._streams) >= MOST_STREAMS):
-            return "old"
-        self._streams[stream] = stamp
-        lag, usual = timestamp_of(self._utc()) - stamp, self._lags.get(stream)
-        if lag > (NEW_STREAM_UNITS if usual is None else usual + ORDER_AGE_UNITS):
-            return "old"
-        self._lags[stream] = lag
-        self._newest = max(self._newest, stamp)
-        if self._memory is not None:
-            self._memory.keep(self._streams, self._utc().timestamp(), order=order)
-        return None
 
-    def timestamp(self) -> int:
-        """For the next frame that we sign: the present time, or the newest good one that came if that is later."""
-        return max(timestamp_of(self._utc()), self._newest)
+def _stamp(frame: bytes) -> tuple[int, Stream]:
+    """Timestamp and stream of a signed frame."""
+    return int.from_bytes(frame[-12:-6], "little"), (frame[-13], frame[5], frame[6])

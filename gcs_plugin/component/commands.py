@@ -18,7 +18,8 @@ from gcs_plugin.component.desk import Desk
 from gcs_plugin.component.identity import Identity
 from gcs_plugin.component.information import REQUEST_COMMANDS
 from gcs_plugin.component.intervals import Intervals
-from gcs_plugin.component.orders import ORDER_COMMANDS, STOP_COMMANDS, Locate, order_of
+from gcs_plugin.component.namesake import Namesake
+from gcs_plugin.component.orders import MARK_COMMANDS, ORDER_COMMANDS, STOP_COMMANDS, Locate, order_of
 
 Message = Any
 """A pymavlink message: its classes are generated and untyped."""
@@ -32,8 +33,6 @@ REFUSAL_TEXT_S: Final = 5.0
 
 _GUARDED: Final = frozenset((*ORDER_COMMANDS, *STOP_COMMANDS, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL))
 """Only for those who may give orders; anybody may ask for information."""
-
-
 _INFORMING: Final = frozenset((*REQUEST_COMMANDS, mavlink.MAV_CMD_REQUEST_MESSAGE))
 """Also answered where they are sent to everybody (component 0), as some stations do."""
 
@@ -47,6 +46,7 @@ class CommandServer:
         desk: where the loop takes its orders from.
         intervals: of the messages sent regularly.
         box_locates: whether a box on the video starts a flight.
+        namesake: whether somebody else has the component's ids.
         requested: sends the message with an id; False when there is no such message.
         send: sends a message.
         say: tells the operator.
@@ -60,6 +60,7 @@ class CommandServer:
         intervals: Intervals,
         *,
         box_locates: Callable[[], bool],
+        namesake: Namesake,
         requested: Callable[[int], bool],
         send: Callable[[Message], None],
         say: Callable[[str], None],
@@ -69,6 +70,7 @@ class CommandServer:
         self._desk = desk
         self._intervals = intervals
         self._box_locates = box_locates
+        self._namesake = namesake
         self._requested = requested
         self._send = send
         self._say = say
@@ -84,8 +86,9 @@ class CommandServer:
         if message.target_system not in (0, own.system) or message.target_component not in (0, own.component):
             return
         stop = message.get_type() == "COMMAND_CANCEL" or message.command in STOP_COMMANDS
-        # A stop of whom it is from is never too many.
-        if not (stop and self._authority.vouched(message)) and self._authority.too_many(message, now_s):
+        vouched_stop = stop and self._authority.vouched(message)
+        too_many = self._authority.too_many(message, now_s)
+        if too_many and not vouched_stop:
             return
         broadcast = 0 in (message.target_system, message.target_component)
         if broadcast and message.command not in _INFORMING:
@@ -94,15 +97,16 @@ class CommandServer:
             self._cancel(message, now_s)
             return
         command = _read(message)
-        if command.command in _GUARDED and (refusal := self._authority.refusal(message)) is not None:
+        if command.command in _GUARDED and (refusal := self._authority.refusal(message, stop=stop)) is not None:
             if refusal.answered:
                 self._acknowledge(command, mavlink.MAV_RESULT_DENIED)
             self._tell(refusal, now_s)
         elif command.command in ORDER_COMMANDS:
             self._order(command, now_s)
         elif command.command in STOP_COMMANDS:
-            self._abort()
-            self._acknowledge(command, mavlink.MAV_RESULT_ACCEPTED)
+            self._abort()  # never too many
+            if not too_many:
+                self._acknowledge(command, mavlink.MAV_RESULT_ACCEPTED)
         else:
             result = self._inform(command, now_s)
             if not broadcast or result == mavlink.MAV_RESULT_ACCEPTED:  # others may know what we do not
@@ -147,6 +151,8 @@ class CommandServer:
             self._say("refused: the order's numbers mean nothing (a place outside the picture?)")
             return
         reason = self._desk.why_not(order)
+        if command.command in MARK_COMMANDS and self._namesake.present(now_s):
+            reason = "another camera has our id; whom the box is meant for is not known"
         if not reason and isinstance(order, Locate) and not self._authority.may_fly_again(now_s):
             reason = "too many flights were ordered; wait a little"
         if reason:
@@ -178,7 +184,7 @@ class CommandServer:
 
         https://mavlink.io/en/services/command.html#long_running_commands
         """
-        refusal = self._authority.refusal(message)
+        refusal = self._authority.refusal(message, stop=True)
         if refusal is not None:
             self._tell(refusal, now_s)
         elif self._current is not None and self._current.command == message.command:

@@ -19,6 +19,7 @@ from gcs_plugin.component.desk import Desk
 from gcs_plugin.component.identity import HEARTBEAT_S, Identity, heartbeat
 from gcs_plugin.component.information import Picture, information
 from gcs_plugin.component.intervals import Intervals
+from gcs_plugin.component.namesake import Namesake
 from gcs_plugin.component.orders import Order
 from gcs_plugin.component.parameter_protocol import PARAMETER_MESSAGES, ParameterServer
 from gcs_plugin.component.tracking import Seen, camera_tracking_image_status
@@ -78,6 +79,7 @@ class CameraComponent:
         self._authority = authority
         self._texts = StatusTexts(link)
         self._desk = Desk(refusal)
+        self._namesake = Namesake(identity, self.say)
         self._intervals = Intervals(DEFAULT_INTERVALS_US)
         self._parameters = ParameterServer(settings, identity.encoding, file, self.say)
         self._commands = CommandServer(
@@ -86,6 +88,7 @@ class CameraComponent:
             self._desk,
             self._intervals,
             box_locates=lambda: self.settings.orders.box == "locate",
+            namesake=self._namesake,
             requested=self._requested,
             send=link.send,
             say=self.say,
@@ -166,6 +169,7 @@ class CameraComponent:
         now_s = self._clock()
         if message.get_type() == "HEARTBEAT":
             self._authority.hear(message)
+            self._namesake.hear(message, now_s)
             return
         if message.get_type() in COMMAND_MESSAGES:
             self._commands.take(message, now_s)
@@ -185,7 +189,7 @@ class CameraComponent:
     def _send_due(self, now_s: float) -> None:
         if now_s >= self._next_beat_s:
             self._next_beat_s = max(self._next_beat_s + HEARTBEAT_S, now_s)
-            self._link.send(heartbeat(busy=self._desk.busy))
+            self._link.send(heartbeat(self._identity, busy=self._desk.busy))
         self._commands.keep_up(now_s)
         wanted = self._seen is not None or self._intervals.asked(IMAGE_STATUS)
         if wanted and self._intervals.due(IMAGE_STATUS, now_s):
@@ -203,7 +207,7 @@ class CameraComponent:
         elif message_id == GEO_STATUS:
             message = self._link.answer
         elif message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
-            message = heartbeat(busy=self._desk.busy)
+            message = heartbeat(self._identity, busy=self._desk.busy)
         else:
             boot_ms = int((now_s - self._started_s) * 1e3) % 2**32
             message = information(message_id, self._identity, self.picture, boot_ms)

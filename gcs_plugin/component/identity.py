@@ -25,6 +25,8 @@ class Identity:
     component: int = mavlink.MAV_COMP_ID_CAMERA
     encoding: ParameterEncoding = "bytewise"
     version: str = "0"
+    instance: int = 0x51DE57E9
+    """Of this run, 32 bits: stands in our heartbeat, where a camera's `custom_mode` means nothing."""
 
     @property
     def version_number(self) -> int:
@@ -44,9 +46,9 @@ class Identity:
         return int(mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT | encoding)
 
 
-def heartbeat(*, busy: bool) -> Message:
+def heartbeat(identity: Identity, *, busy: bool) -> Message:
     """HEARTBEAT of a camera: standing by, or active while an order runs."""
     state = mavlink.MAV_STATE_ACTIVE if busy else mavlink.MAV_STATE_STANDBY
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, state, _MAVLINK_VERSION
+        mavlink.MAV_TYPE_CAMERA, mavlink.MAV_AUTOPILOT_INVALID, 0, identity.instance, state, _MAVLINK_VERSION
     )

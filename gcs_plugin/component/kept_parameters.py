@@ -12,13 +12,15 @@ import math
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any, Final
 
 from gcs_plugin.component.parameter_table import Parameter, parameters, wider_than
 from gcs_plugin.durable import write_whole
-from mission.errors import AnswerError, SettingsError
+from mission.errors import AnswerError
 from mission.settings import MissionSettings
 
 _LOG = logging.getLogger(__name__)
+SHORT: Final = 120
 
 
 class KeptParameters:
@@ -28,8 +30,7 @@ class KeptParameters:
         path: of the file; made when something is set.
         settings: of the settings file.
 
-    Raises:
-        SettingsError: the file is not one of ours.
+    What of the file cannot be understood is passed over and told.
     """
 
     def __init__(self, path: Path, settings: MissionSettings) -> None:
@@ -43,13 +44,24 @@ class KeptParameters:
         """With what stations had set when the program ended."""
         self.restored: list[str] = []
         """The parameters that differ from the settings file for that, in the operator's words."""
+        self.passed_over: list[str] = []
+        """What of the file does not count, and why."""
         known = {p.name: p for p in self._all}
-        for name, (number, instead_of) in self._read().items():
+        for name, entry in self._read().items():
             parameter = known.get(name)
-            if parameter is None or not _same(parameter.read(settings), instead_of):
+            if parameter is None:
                 continue
+            try:
+                number, instead_of = _float(entry["set"]), _float(entry["instead_of"])
+            except (ValueError, OverflowError, TypeError, KeyError) as error:
+                self.passed_over.append(f"{name} of {path}: {_short(error)}")
+                continue
+            if not _same(parameter.read(settings), instead_of):
+                continue  # the settings file was changed since
             changed = parameter.changed(self.settings, number)
-            if changed is None or wider_than(parameter, changed, settings) is not None:
+            refused = f"{number:g} is no value for it" if changed is None else wider_than(parameter, changed, settings)
+            if changed is None or refused is not None:
+                self.passed_over.append(f"{name} of {path}: {refused}")
                 continue
             self.settings = changed
             self.restored.append(f"{name} {_shown(parameter, self.settings)} instead of {_shown(parameter, settings)}")
@@ -84,16 +96,19 @@ class KeptParameters:
         except AnswerError as error:
             _LOG.warning("parameters are not kept: %s", error)
 
-    def _read(self) -> dict[str, tuple[float, float]]:
+    def _read(self) -> dict[str, Any]:
+        """The file's entries by name, unchecked; none when it cannot be read."""
         try:
             content = json.loads(self._path.read_text("ascii"))
-            return {str(n): (_float(entry["set"]), _float(entry["instead_of"])) for n, entry in content.items()}
         except FileNotFoundError:
             return {}
-        except (OSError, ValueError, ArithmeticError, RecursionError, TypeError, KeyError, AttributeError) as error:
-            raise SettingsError(
-                f"{self._path} cannot be read: {error}", "Delete it; the settings file then counts alone."
-            ) from error
+        except (OSError, ValueError, RecursionError) as error:
+            self.passed_over.append(f"{self._path}, so that the settings file counts alone: {_short(error)}")
+            return {}
+        if not isinstance(content, dict):
+            self.passed_over.append(f"{self._path}, so that the settings file counts alone: it is no table")
+            return {}
+        return {name: entry for name, entry in content.items() if isinstance(name, str)}
 
 
 def _same(number: float, other: float) -> bool:
@@ -104,8 +119,24 @@ def _number(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def _float(value: float | None) -> float:
-    return math.nan if value is None else float(value)
+def _float(value: object) -> float:
+    """A number of the file; null is "not set".
+
+    Raises:
+        TypeError: it is none.
+        OverflowError: it is beyond all floats.
+    """
+    if value is None:
+        return math.nan
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(f"{value!r} is no number")
+    return float(value)
+
+
+def _short(error: Exception) -> str:
+    """An error on one line: a number of thousands of digits is not repeated."""
+    text = f"{error.args[0]} is missing" if isinstance(error, KeyError) else str(error)
+    return text if len(text) <= SHORT else f"{text[:SHORT]}..."
 
 
 def _shown(parameter: Parameter, settings: MissionSettings) -> str:

@@ -74,6 +74,8 @@ ORDER_COMMANDS: Final = (
     mavlink.MAV_CMD_CAMERA_TRACK_POINT,
     mavlink.MAV_CMD_CAMERA_TRACK_RECTANGLE,
 )
+MARK_COMMANDS: Final = (mavlink.MAV_CMD_CAMERA_TRACK_POINT, mavlink.MAV_CMD_CAMERA_TRACK_RECTANGLE)
+"""Of the camera protocol: any camera may be meant."""
 STOP_COMMANDS: Final = (mavlink.MAV_CMD_USER_2, mavlink.MAV_CMD_CAMERA_STOP_TRACKING)
 
 

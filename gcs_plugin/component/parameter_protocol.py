@@ -122,7 +122,7 @@ class ParameterServer:
             return []
         parameter = self._all[index]
         number = decoded(message.param_value, message.param_type, self._encoding)
-        if may_change and number is not None and _same_kind(parameter, message.param_type):
+        if may_change and number is not None and self._fits(parameter, message.param_type):
             changed = parameter.changed(self.settings, number)
             refused = None if changed is None else wider_than(parameter, changed, self._file)
             if refused is not None:
@@ -130,6 +130,16 @@ class ParameterServer:
             elif changed is not None:
                 self.settings = changed
         return [self._value(index)]
+
+    def _fits(self, parameter: Parameter, kind: int) -> bool:
+        """Whether a number of this type may be meant for the parameter.
+
+        Where integers are cast, any type may: ArduPilot ignores it, and some stations send REAL32 for everything. Where
+        their bytes are copied, a float is meant for a float, and a whole number, of any size, for a whole number.
+        """
+        if self._encoding == "c-cast":
+            return True
+        return bool((parameter.type == mavlink.MAV_PARAM_TYPE_REAL32) == (kind == mavlink.MAV_PARAM_TYPE_REAL32))
 
     def _value(self, index: int) -> Message:
         p = self._all[index]
@@ -140,11 +150,6 @@ class ParameterServer:
             len(self._all),
             index,
         )
-
-
-def _same_kind(parameter: Parameter, kind: int) -> bool:
-    """Whether a float was sent for a float, or a whole number, of any size, for a whole number."""
-    return bool((parameter.type == mavlink.MAV_PARAM_TYPE_REAL32) == (kind == mavlink.MAV_PARAM_TYPE_REAL32))
 
 
 def _name(message: Message) -> str:

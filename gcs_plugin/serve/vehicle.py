@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import secrets
 import time
 from importlib.metadata import version
 from typing import Final
@@ -40,7 +41,7 @@ class VehicleService:
         times: program time and UTC.
 
     Raises:
-        SettingsError: the key file cannot be read, or the camera file, or what was kept beside the answers.
+        SettingsError: the key file cannot be read, or the camera file.
         AnswerError: the log of geotags cannot be written.
     """
 
@@ -54,10 +55,13 @@ class VehicleService:
         log = GeotagLog(folder / "geotags.gpkg")
         log.prepare()
         memory = None if self._key is None else SignatureMemory(folder / "signatures.json")
-        self._authority = Authority(settings.authority, self._key, times.utc, memory)
+        self._authority = Authority(settings.authority, self._key, times.utc, memory, times.clock)
         self._kept = KeptParameters(folder / "parameters.json", settings)
         self._file = settings
+        self._instance = secrets.randbits(32)
         self._settings = self._kept.settings
+        for text in (*([memory.lost] if memory is not None and memory.lost else ()), *self._kept.passed_over):
+            self._say(f"passed over: {text}")
         for parameter in self._kept.restored:
             self._say(f"as a ground station set it: {parameter}")
         self._crew = Crew(make_detector(settings.detect.detector), log, console, times, abort)
@@ -100,6 +104,7 @@ class VehicleService:
             number,
             "c-cast" if drone.name.startswith("ardupilot") else "bytewise",
             version("sidestep"),
+            self._instance,
         )
         station = StationLink(link, number)
         component = CameraComponent(

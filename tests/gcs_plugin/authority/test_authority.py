@@ -11,8 +11,9 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_plugin.authority import Authority, SignatureMemory, read_key
 from gcs_plugin.authority.rate import TokenBucket
-from gcs_plugin.authority.signing import SignatureCheck, timestamp_of
+from gcs_plugin.authority.signing import UNITS_PER_S, SignatureCheck, timestamp_of
 from gcs_plugin.component import Locate
+from mission.drones.command_cancel import CommandCancel
 from mission.errors import SettingsError
 from mission.settings import AuthoritySettings
 from tests.gcs_plugin.component.bench import Bench
@@ -37,6 +38,24 @@ def order(
         sender.signing.timestamp, sender.signing.link_id = timestamp, link_id
     message = mavlink.MAVLink_command_long_message(1, 100, command, 0, *([0.0] * 7))
     return bytes(message.pack(sender))
+
+
+class Times:
+    """UTC and the monotonic clock, which go when told to."""
+
+    def __init__(self) -> None:
+        self.clock_s = 5000.0
+        self.utc_s = 0.0
+
+    def utc(self) -> datetime:
+        return NOW + timedelta(seconds=self.utc_s)
+
+    def pass_s(self, seconds: float) -> None:
+        self.clock_s += seconds
+        self.utc_s += seconds
+
+    def bench(self, memory: SignatureMemory | None = None) -> Bench:
+        return Bench(authority=Authority(AuthoritySettings(), KEY, self.utc, memory, lambda: self.clock_s))
 
 
 def signed_bench() -> Bench:
@@ -174,7 +193,7 @@ def test_each_stream_has_its_own_counter() -> None:
 
 
 def test_our_timestamp_is_never_behind_the_newest_good_one() -> None:
-    check = SignatureCheck(KEY, lambda: NOW)
+    check = SignatureCheck(KEY, lambda: NOW, clock=lambda: 0.0)
     ahead = timestamp_of(NOW + timedelta(hours=1))
     check.fault(order(timestamp=ahead))
     assert check.timestamp() == ahead
@@ -252,11 +271,38 @@ def test_heartbeats_count_over_a_restart_too_and_are_written_seldom(tmp_path: Pa
     assert second_run.authority.counts["replayed"] == 1
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", '{"1/2": 3}', '{"1/2/3": "4"}', '{"1/2/x": 4}', '{"1/2/300": 4}'])
-def test_a_memory_that_is_none_is_told(tmp_path: Path, content: str) -> None:
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "{",
+        "[]",
+        "[" * 100_000,
+        '{"1/2": 3}',
+        '{"1/2/3": "4"}',
+        '{"1/2/x": 4}',
+        '{"1/2/300": 4}',
+        '{"255/190/3": -1}',
+        '{"255/190/3": 1e9}',
+        '{"255/190/3": 1' + 400 * "0" + "}",
+        '{"255/190/3": 1' + 5000 * "0" + "}",
+    ],
+)
+def test_a_memory_that_is_none_is_told_and_nothing_from_before_is_obeyed(tmp_path: Path, content: str) -> None:
     (tmp_path / "signatures.json").write_text(content)
-    with pytest.raises(SettingsError, match="cannot be read"):
-        SignatureMemory(tmp_path / "signatures.json")
+    memory = SignatureMemory(tmp_path / "signatures.json")
+    assert "signatures.json" in memory.lost
+    assert len(memory.lost) < 400
+    times = Times()
+    bench = times.bench(memory)
+    bench.say_bytes(order(timestamp=timestamp_of(NOW) - 1))
+    assert bench.turn() is None
+    assert dict(bench.authority.counts) == {"old": 1}
+    times.pass_s(1.0)
+    bench.say_bytes(order(timestamp=timestamp_of(times.utc())))
+    assert bench.turn() == Locate()
+    assert bench.authority.signing_timestamp() == timestamp_of(times.utc())
+    assert SignatureMemory(tmp_path / "signatures.json").lost == ""
 
 
 def test_a_disk_that_refuses_does_not_refuse_the_order(tmp_path: Path) -> None:
@@ -294,30 +340,129 @@ def test_a_stop_is_never_too_many() -> None:
 @pytest.mark.parametrize("held_back", [timedelta(seconds=11), timedelta(seconds=92), timedelta(days=30)])
 @pytest.mark.parametrize("known", [True, False])
 def test_an_order_that_was_held_back_flies_nothing(held_back: timedelta, *, known: bool) -> None:
-    now = [NOW]
-    bench = Bench(authority=Authority(AuthoritySettings(), KEY, lambda: now[0]))
+    times = Times()
+    bench = times.bench()
     if known:
         bench.say_bytes(heartbeat(timestamp_of(NOW)))
         bench.turn()
     withheld = order(timestamp=timestamp_of(NOW) + 1)
-    now[0] = NOW + held_back
+    times.pass_s(held_back.total_seconds())
     bench.say_bytes(withheld)
     taken = bench.turn()
-    # The first frame of an unknown sender may be a minute old, as the protocol says.
+    # The first frame of an unknown stream may be a minute old, as the protocol says.
     assert (taken is None) or (not known and held_back < timedelta(seconds=60))
     if taken is None:
         assert bench.authority.counts["old"] == 1
 
 
-def test_a_station_whose_clock_is_off_may_order_as_long_as_it_is_heard() -> None:
-    now = [NOW]
-    bench = Bench(authority=Authority(AuthoritySettings(), KEY, lambda: now[0]))
-    for second in range(200):
-        now[0] = NOW + timedelta(seconds=second)
-        bench.say_bytes(heartbeat(timestamp_of(NOW) + second))  # it counts its frames, not the time
+def test_an_order_held_back_is_none_however_slowly_the_frames_before_it_were_let_through() -> None:
+    times = Times()
+    bench = times.bench()
+    sent = [timestamp_of(NOW) + second * UNITS_PER_S for second in range(12)]
+    for stamp in sent:  # each is held back by 8 s more than the one before
+        bench.say_bytes(heartbeat(stamp))
         bench.turn()
-    bench.say_bytes(order(timestamp=timestamp_of(NOW) + 1000))
+        times.pass_s(9.0)
+    bench.say_bytes(order(timestamp=sent[-1] + 1))
+    assert bench.turn() is None
+    assert "255/190 signed this 97 s ago" in bench.texts()
+
+
+def test_an_order_signed_before_a_restart_and_held_back_is_none_after_it(tmp_path: Path) -> None:
+    times = Times()
+    bench = times.bench(SignatureMemory(tmp_path / "signatures.json"))
+    bench.say_bytes(heartbeat(timestamp_of(NOW)))
+    bench.turn()
+    times.pass_s(92.0)
+    bench = times.bench(SignatureMemory(tmp_path / "signatures.json"))
+    bench.say_bytes(order(timestamp=timestamp_of(NOW) + 1))
+    assert bench.turn() is None
+    assert dict(bench.authority.counts) == {"old": 1}
+
+
+@pytest.mark.parametrize("off_s", [-40.0, 3600.0, 3e7])
+def test_a_station_whose_clock_is_off_may_order_for_hours_if_it_follows_the_time_it_hears(off_s: float) -> None:
+    times = Times()
+    bench = times.bench()
+    stamp = timestamp_of(NOW) + int(off_s * UNITS_PER_S)
+    for _ in range(1000):
+        stamp += 1  # it counts its frames, not the time, as all of MAVLink's own libraries do
+        bench.say_bytes(heartbeat(stamp))
+        bench.turn()
+        times.pass_s(7.0)
+        stamp = max(stamp, bench.authority.signing_timestamp() or 0)
+    times.pass_s(5.0)
+    bench.say_bytes(order(timestamp=stamp + 1))
     assert bench.turn() == Locate()
+    assert not bench.authority.counts
+
+
+@pytest.mark.parametrize("step_s", [-3e8, -30.0, 30.0, 3e8])
+def test_a_step_of_our_own_clock_makes_no_order_old(step_s: float) -> None:
+    times = Times()
+    bench = times.bench()
+    bench.say_bytes(heartbeat(timestamp_of(NOW)))
+    bench.turn()
+    before = bench.authority.signing_timestamp() or 0
+    times.utc_s += step_s
+    times.pass_s(1.0)
+    bench.say_bytes(order(timestamp=timestamp_of(NOW) + UNITS_PER_S))
+    assert bench.turn() == Locate()
+    assert (bench.authority.signing_timestamp() or 0) >= before + UNITS_PER_S
+
+
+@pytest.mark.parametrize("late_s", [0.0, 60.0, 3600.0, 3e6])
+def test_a_stop_is_obeyed_however_late_it_comes_but_once(late_s: float) -> None:
+    times = Times()
+    bench = times.bench()
+    stop = order(timestamp=timestamp_of(NOW) - UNITS_PER_S, command=mavlink.MAV_CMD_USER_2, link_id=9)
+    times.pass_s(late_s)
+    for stopped in (True, False):
+        stamp = timestamp_of(times.utc()) + (0 if stopped else 1)
+        bench.say_bytes(order(timestamp=stamp))
+        assert bench.turn() == Locate()
+        bench.say_bytes(stop)
+        bench.step()
+        assert bench.component.should_stop() is stopped
+        bench.component.ended(0)
+        bench.turn(10.0)  # what comes soon again is a repetition
+
+
+def test_signed_frames_played_again_do_not_use_up_the_operator_s_rate() -> None:
+    times = Times()
+    bench = times.bench()
+    recorded = order(timestamp=timestamp_of(NOW), command=mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
+    for _ in range(500):
+        bench.say_bytes(recorded)
+        bench.step()
+    bench.say_bytes(order(timestamp=timestamp_of(NOW) + 1))
+    assert bench.turn() == Locate()
+
+
+def test_a_flood_of_stops_is_obeyed_and_not_answered_without_end() -> None:
+    bench = Bench()
+    for _ in range(1000):
+        bench.command(mavlink.MAV_CMD_USER_2)
+    for _ in range(10):
+        bench.step()
+    assert len(bench.acks()) <= 110
+
+
+def test_without_a_signature_nothing_is_changed_where_a_key_is_set() -> None:
+    bench = signed_bench()
+    bench.say_bytes(order())
+    assert bench.turn() == Locate()
+    bench.take()
+    streams, settings = bench.component._intervals.interval_us(275), bench.component.settings
+    for command in (31010, 31011, 31012, 31013, 511, 2004, 2005, 2010):
+        bench.command(command, 275.0, 100_000.0, 0.5, 0.5)
+    bench.say(mavlink.MAVLink_param_set_message(1, 100, b"LIMITS_RADIUS_M", 5.0, 9))
+    bench.say(CommandCancel(1, 100, mavlink.MAV_CMD_USER_1))
+    for _ in range(5):
+        bench.step(0.1)
+    assert not bench.component.should_stop()
+    assert (bench.component._intervals.interval_us(275), bench.component.settings) == (streams, settings)
+    assert all(result in (DENIED, IN_PROGRESS) for _, result in bench.acks())
 
 
 def test_a_request_to_everybody_is_answered_and_an_order_to_everybody_is_none() -> None:

@@ -11,7 +11,6 @@ from pymavlink.dialects.v20 import all as mavlink
 from gcs_plugin.authority import Authority
 from gcs_plugin.component import CameraComponent, Identity
 from gcs_plugin.component.kept_parameters import KeptParameters
-from mission.errors import SettingsError
 from mission.settings import MissionSettings, PatternSettings
 from tests.gcs_plugin.component.bench import PICTURE, Bench
 
@@ -68,11 +67,49 @@ def test_a_value_that_the_settings_refuse_is_not_kept(tmp_path: Path) -> None:
     assert not (tmp_path / "parameters.json").exists()
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", '{"PATTERN_LENGTH_M": 4}', '{"PATTERN_LENGTH_M": {"set": "x"}}'])
-def test_a_file_that_is_none_is_told(tmp_path: Path, content: str) -> None:
-    (tmp_path / "parameters.json").write_text(content)
-    with pytest.raises(SettingsError, match="Delete it"):
-        KeptParameters(tmp_path / "parameters.json", FILE)
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "{",
+        "[]",
+        "[" * 100_000,
+        "\xff",
+        '{"PATTERN_LENGTH_M": 4}',
+        '{"PATTERN_LENGTH_M": {"set": "x", "instead_of": 3}}',
+        '{"PATTERN_LENGTH_M": {"set": true, "instead_of": 3}}',
+        '{"PATTERN_LENGTH_M": {"set": 4}}',
+        '{"PATTERN_LENGTH_M": {"set": 1' + 400 * "0" + ', "instead_of": 3}}',
+        '{"PATTERN_LENGTH_M": {"set": -1' + 5000 * "0" + ', "instead_of": 3}}',
+        '{"PATTERN_LENGTH_M": {"set": 1e400, "instead_of": 3}}',
+        '{"PATTERN_LENGTH_M": {"set": [[3]], "instead_of": 3}}',
+        '{"REPEAT": {"set": 1e300, "instead_of": 1}}',
+        '{"PATTERN_KIND": {"set": -1, "instead_of": 0}}',
+        '{"LIMITS_RADIUS_M": {"set": 500, "instead_of": 15}}',
+    ],
+)
+def test_what_means_nothing_is_told_and_the_settings_file_counts(tmp_path: Path, content: str) -> None:
+    (tmp_path / "parameters.json").write_text(content, "latin-1")
+    kept = KeptParameters(tmp_path / "parameters.json", FILE)
+    assert (kept.settings, kept.restored) == (FILE, [])
+    (told,) = kept.passed_over
+    assert "parameters.json" in told
+    assert len(told) < 400
+
+
+def test_one_bad_entry_costs_one_parameter(tmp_path: Path) -> None:
+    (tmp_path / "parameters.json").write_text(
+        '{"REPEAT": {"set": 1e999, "instead_of": 1}, "PATTERN_LENGTH_M": {"set": 4, "instead_of": 3}}', "ascii"
+    )
+    kept = KeptParameters(tmp_path / "parameters.json", FILE)
+    assert kept.settings.pattern.length_m == 4.0
+    assert len(kept.passed_over) == len(kept.restored) == 1
+
+
+def test_a_limit_set_by_a_station_does_not_outlive_a_tighter_settings_file(tmp_path: Path) -> None:
+    run(tmp_path, FILE, LIMITS_RADIUS_M=12.0)
+    tighter = FILE.model_copy(update={"limits": FILE.limits.model_copy(update={"radius_m": 6.0})})
+    assert run(tmp_path, tighter)[0].limits.radius_m == 6.0
 
 
 def test_a_parameter_of_a_newer_version_and_a_value_out_of_range_are_passed_over(tmp_path: Path) -> None:
@@ -92,23 +129,3 @@ def test_the_safety_limits_of_the_file_are_a_ceiling(tmp_path: Path) -> None:
     run(tmp_path, FILE, LIMITS_RADIUS_M=5.0, LIMITS_MIN_H_M=4.0)
     settings, _ = run(tmp_path, FILE)
     assert (settings.limits.radius_m, settings.limits.min_height_m) == (5.0, 4.0)
-
-
-def test_limits_kept_from_before_do_not_widen_either(tmp_path: Path) -> None:
-    (tmp_path / "parameters.json").write_text('{"LIMITS_RADIUS_M": {"set": 500, "instead_of": 15}}', "ascii")
-    settings, restored = run(tmp_path, FILE)
-    assert settings.limits.radius_m == 15.0
-    assert restored == []
-
-
-@pytest.mark.parametrize("number", ["1" + "0" * 400, "-" + "9" * 400, "[[" * 100_000])
-def test_an_absurd_number_is_told(tmp_path: Path, number: str) -> None:
-    (tmp_path / "parameters.json").write_text(f'{{"PATTERN_LENGTH_M": {{"set": {number}, "instead_of": 3}}}}', "ascii")
-    with pytest.raises(SettingsError, match=r"parameters\.json cannot be read"):
-        run(tmp_path, FILE)
-
-
-def test_an_infinite_number_is_passed_over(tmp_path: Path) -> None:
-    (tmp_path / "parameters.json").write_text('{"PATTERN_LENGTH_M": {"set": 1e400, "instead_of": 3}}', "ascii")
-    settings, _ = run(tmp_path, FILE)
-    assert settings == FILE

@@ -142,7 +142,7 @@ def test_not_a_number_takes_an_optional_setting_away() -> None:
         ("PATTERN_KIND", -1.0, mavlink.MAV_PARAM_TYPE_INT8, 0.0),
         ("ANSWER_TEXT", 2.0, UINT8, 1.0),
         ("REPEAT", 0.0, INT32, 1.0),
-        ("REPEAT", 2.0, REAL32, 1.0),
+        ("REPEAT", 2.5, REAL32, 1.0),
         ("REPEAT", 2.0, 200, 1.0),
     ],
 )
@@ -150,6 +150,30 @@ def test_a_bad_value_is_answered_with_the_old_one(name: str, value: float, kind:
     bench = Bench(encoding="c-cast")
     assert set_parameter(bench, name, value, kind).param_value == old
     assert bench.component.settings == MissionSettings()
+
+
+def test_where_integers_are_cast_a_float_is_taken_for_a_whole_number() -> None:
+    bench = Bench(encoding="c-cast")
+    assert set_parameter(bench, "REPEAT", 4.0, REAL32).param_value == 4.0
+    assert set_parameter(bench, "PATTERN_KIND", 1.0, REAL32).param_value == 1.0
+    assert set_parameter(bench, "ANSWER_TEXT", 0.0, INT32).param_value == 0.0
+    assert set_parameter(bench, "PATTERN_LENGTH_M", 4.0, INT32).param_value == 4.0
+    assert (bench.component.settings.repeat, bench.component.settings.pattern.kind) == (4, "s")
+
+
+def test_where_their_bytes_are_copied_a_float_is_not() -> None:
+    bench = Bench()
+    set_parameter(bench, "REPEAT", 4.0, REAL32)
+    set_parameter(bench, "PATTERN_LENGTH_M", encoded(4.0, INT32, "bytewise"), INT32)
+    assert bench.component.settings == MissionSettings()
+
+
+def test_a_wider_limit_is_refused_and_the_station_is_told_why() -> None:
+    bench = Bench()
+    assert set_parameter(bench, "LIMITS_RADIUS_M", 500.0, REAL32).param_value == 15.0
+    assert "LIMITS_RADIUS_M stays: the settings file allows at most 15" in bench.texts()
+    assert set_parameter(bench, "LIMITS_RADIUS_M", 8.0, REAL32).param_value == 8.0
+    assert set_parameter(bench, "LIMITS_RADIUS_M", 15.0, REAL32).param_value == 15.0
 
 
 def test_a_stranger_may_read_but_not_set() -> None:
