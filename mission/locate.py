@@ -19,7 +19,7 @@ from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
 from mission.centring import Centring
 from mission.detect import Confirmation, Detector, choose
 from mission.drones.drone import Drone
-from mission.drones.preconditions import unfit
+from mission.drones.preconditions import gimbal_refusal, unfit
 from mission.errors import DetectionError, EstimateRefused, FlightEnded, FlightRefused, LinkError, VideoError
 from mission.estimate import ESTIMATORS
 from mission.estimate.noise_fit import supported
@@ -153,7 +153,9 @@ class Locate:
 
     def _check_aircraft(self) -> None:
         """Before the search, which takes seconds; the pilot process looks at more before it takes control."""
-        reason = unfit(self._drone.telemetry(), self._settings.link.min_battery)
+        telemetry = self._drone.telemetry()
+        reason = unfit(telemetry, self._settings.link.min_battery)
+        reason = reason or gimbal_refusal(telemetry, ignored=self._settings.camera.ignore_gimbal)
         if reason is not None:
             raise FlightRefused(reason, "Nothing was flown.")
 

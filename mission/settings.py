@@ -83,6 +83,9 @@ class CameraSettings(_Section):
     tilt_down_deg: float = Field(
         0.0, ge=-30.0, le=90.0, description="how far the camera looks down, used when there is no file"
     )
+    ignore_gimbal: bool = Field(
+        False, description="fly although the aircraft carries a gimbal: only where this camera is not on it"
+    )
 
 
 class DetectSettings(_Section):

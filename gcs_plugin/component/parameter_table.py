@@ -57,6 +57,7 @@ NOT_PARAMETERS: Final = frozenset(
         "link.accept_failsafe",
         "video.url",
         "camera.file",
+        "camera.ignore_gimbal",
         "detect.detector",
         "pattern.baseline_m",
         # Given in pairs, and a parameter is set alone.

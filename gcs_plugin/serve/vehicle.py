@@ -23,7 +23,7 @@ from mission.camera import Camera
 from mission.detect import make_detector
 from mission.drones.drone import Telemetry
 from mission.drones.make import AnyDrone, make_drone, mavlink_of
-from mission.drones.preconditions import unfit
+from mission.drones.preconditions import gimbal_refusal, unfit
 from mission.errors import LinkError, SettingsError
 from mission.settings import MissionSettings
 
@@ -113,7 +113,7 @@ class VehicleService:
             told_picture(self._camera, self._settings),
             self._settings,
             self._authority,
-            lambda order: refusal(order, drone.telemetry(), self._settings.link.min_battery),
+            lambda order: refusal(order, drone.telemetry(), self._settings),
             self._times.clock,
             self._kept.keep,
             self._file,
@@ -129,12 +129,15 @@ class VehicleService:
         self._console.print(text, markup=False, highlight=False)
 
 
-def refusal(order: Order, telemetry: Telemetry, min_battery: float) -> str:
+def refusal(order: Order, telemetry: Telemetry, settings: MissionSettings) -> str:
     """Why the aircraft cannot carry out an order now, as far as telemetry tells; empty when it can.
 
     Said before the order is accepted. The pilot process looks again, at more, before it takes control.
     """
-    return unfit(telemetry, min_battery) or "" if isinstance(order, Locate) else ""
+    if not isinstance(order, Locate):
+        return ""
+    fit = unfit(telemetry, settings.link.min_battery)
+    return fit or gimbal_refusal(telemetry, ignored=settings.camera.ignore_gimbal) or ""
 
 
 def told_picture(camera: Camera, settings: MissionSettings) -> Picture:

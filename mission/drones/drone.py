@@ -150,6 +150,8 @@ class Telemetry:
     """Ellipsoid height minus AMSL height, where the aircraft tells both."""
     packet_loss: float | None = None
     """Fraction of the aircraft's packets that do not arrive, over the last seconds; None where that is not known."""
+    gimbal: str = ""
+    """What tells that the aircraft carries a gimbal; empty where nothing does."""
 
 
 class Drone(Protocol):

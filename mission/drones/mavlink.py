@@ -15,7 +15,8 @@ import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.clock import ClockMap
-from mission.drones.drone import Bounds, Capabilities
+from mission.drones.drone import Bounds, Capabilities, Telemetry
+from mission.drones.gimbal_signs import GIMBAL_MESSAGES, GimbalSigns
 from mission.drones.limits import FlightSettings
 from mission.drones.link import MavlinkLink
 from mission.drones.loopback import loopback_socket
@@ -83,6 +84,7 @@ class MavlinkDrone(PilotedDrone):
         self._origin: GeodeticOrigin | None = None
         self._newest_boot_s = 0.0
         self._loss = PacketLoss()
+        self._gimbal = GimbalSigns()
         self._thinning = Thinning(self._target_system, self._clock(), sparing=self._sparing)
 
     def begin(self, bounds: Bounds) -> None:
@@ -143,14 +145,19 @@ class MavlinkDrone(PilotedDrone):
             source_component=PROGRAM_COMPONENT,
             target_system=system,
             handler=self._take,
-            handled=VEHICLE_MESSAGES,
+            handled=(*VEHICLE_MESSAGES, *GIMBAL_MESSAGES),
             wants=self._look_at,
             at_leisure=self._thinning.at_leisure,
             clock=self._clock,
         )
         wanted = {"GLOBAL_POSITION_INT": self._pose_rate_hz, "ATTITUDE": self._pose_rate_hz}
         self._rates = MessageRates(self._link, wanted, self._clock(), self._thinning.passed_over)
+        self._gimbal.ask(self._link)
         self._wait_for_poses(deadline)
+
+    def telemetry(self) -> Telemetry:
+        """See `Drone.telemetry`."""
+        return replace(super().telemetry(), gimbal=self._gimbal.sign)
 
     def _poses_come(self) -> bool:
         told = self._state.landed_state != mavlink.MAV_LANDED_STATE_UNDEFINED
@@ -217,8 +224,11 @@ class MavlinkDrone(PilotedDrone):
 
     def _take(self, message: Any, arrived_s: float) -> None:
         """In the link's thread."""
-        self._state.update(message, arrived_s)
         name = message.get_type()
+        if name == "HEARTBEAT" or name in GIMBAL_MESSAGES:
+            self._gimbal.take(message, self._state.system, self._state.autopilot)
+        if name not in GIMBAL_MESSAGES:
+            self._state.update(message, arrived_s)
         if name not in ("GLOBAL_POSITION_INT", "ATTITUDE") or message.get_srcSystem() != self._state.system:
             return
         boot_s = message.time_boot_ms * 1e-3

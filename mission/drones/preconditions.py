@@ -66,6 +66,21 @@ def unfit(telemetry: Telemetry, min_battery_fraction: float) -> str | None:
     return None if battery is None or battery >= min_battery_fraction else f"the battery is at {100 * battery:.0f} %"
 
 
+def gimbal_refusal(telemetry: Telemetry, *, ignored: bool) -> str | None:
+    """Why a camera that is told as fixed to the aircraft must not be believed, or None.
+
+    Args:
+        telemetry: the newest.
+        ignored: the operator has said that the camera is not on the gimbal.
+    """
+    if ignored or not telemetry.gimbal:
+        return None
+    return (
+        f"the aircraft carries a gimbal ({telemetry.gimbal}), and the camera is told as fixed: a stabilised camera "
+        "would be answered a third wrong. If this camera is not on it, set camera.ignore_gimbal"
+    )
+
+
 def height_refusal(
     height_m: float, bounds: Bounds, fence: Fence | None, margin_m: float, vehicle: VehicleState
 ) -> str | None:

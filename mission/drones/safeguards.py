@@ -7,7 +7,6 @@ stop it hovers in GUIDED after GUID_TIMEOUT. Polygons and circles come over the 
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Iterable
 from typing import Any
 
@@ -18,6 +17,7 @@ from mission.drones.fence import Fence, FenceArea
 from mission.drones.fence_plan import FENCE_PLAN_MESSAGES, FencePlan
 from mission.drones.link import MavlinkLink
 from mission.drones.modes import Autopilot
+from mission.drones.parameter_value import number_of
 from mission.drones.vehicle import VehicleState
 
 SAFEGUARD_MESSAGES = ("PARAM_VALUE", "HOME_POSITION", *FENCE_PLAN_MESSAGES)
@@ -90,7 +90,7 @@ class Safeguards:
         if message.get_type() in FENCE_PLAN_MESSAGES:
             self._plan.take(message)
             return
-        value = _number(message, self._vehicle.autopilot)
+        value = number_of(message, self._vehicle.autopilot)
         if value is not None and message.param_id in _NAMES.get(self._vehicle.autopilot, ()):
             self._values[message.param_id] = value
             if message.param_id == "RCMAP_THROTTLE" and value in _CHANNELS:
@@ -226,14 +226,6 @@ class Safeguards:
 
     def _missing(self) -> Iterable[str]:
         return [name for name in _NAMES.get(self._vehicle.autopilot, ()) if name not in self._values]
-
-
-def _number(message: Any, autopilot: Autopilot) -> float | None:
-    """A PARAM_VALUE's number: PX4 puts an integer's bytes into the float, ArduPilot its value."""
-    value = float(message.param_value)
-    if autopilot == "px4" and message.param_type != mavlink.MAV_PARAM_TYPE_REAL32:
-        return float(struct.unpack("<i", struct.pack("<f", value))[0])
-    return value if math.isfinite(value) else None
 
 
 def _instead_of_holding(action: float | None) -> str:

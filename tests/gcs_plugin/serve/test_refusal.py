@@ -9,12 +9,14 @@ import pytest
 from gcs_plugin.component import Follow, Locate, Mark, NextCandidate
 from gcs_plugin.serve.vehicle import refusal
 from mission.drones.drone import Telemetry
+from mission.settings import CameraSettings, MissionSettings
 
+SETTINGS = MissionSettings()
 FLYING = Telemetry(100.0, True, True, True, "HOLD", 0.8, 2.0, 0.5, True, True, 50.0)
 
 
 def test_an_aircraft_in_the_air_and_well_may_locate() -> None:
-    assert refusal(Locate(), FLYING, 0.2) == ""
+    assert refusal(Locate(), FLYING, SETTINGS) == ""
 
 
 @pytest.mark.parametrize(
@@ -26,17 +28,23 @@ def test_an_aircraft_in_the_air_and_well_may_locate() -> None:
         (replace(FLYING, position_ok=False), "position is not healthy"),
         (replace(FLYING, heading_ok=False), "heading is not healthy"),
         (replace(FLYING, battery_fraction=0.1), "battery is at 10 %"),
+        (replace(FLYING, gimbal="MNT1_TYPE is 1"), "carries a gimbal (MNT1_TYPE is 1)"),
     ],
 )
 def test_one_that_could_not_is_refused_with_the_reason(telemetry: Telemetry, reason: str) -> None:
-    assert reason in refusal(Locate(), telemetry, 0.2)
+    assert reason in refusal(Locate(), telemetry, SETTINGS)
 
 
 def test_an_unknown_battery_is_left_to_the_pilot_process() -> None:
-    assert refusal(Locate(), replace(FLYING, battery_fraction=None), 0.2) == ""
+    assert refusal(Locate(), replace(FLYING, battery_fraction=None), SETTINGS) == ""
 
 
 def test_what_does_not_fly_needs_no_aircraft_in_the_air() -> None:
     landed = replace(FLYING, armed=False, in_air=False)
-    assert refusal(Follow(Mark(0.1, 0.1, 0.2, 0.2)), landed, 0.2) == ""
-    assert refusal(NextCandidate(), landed, 0.2) == ""
+    assert refusal(Follow(Mark(0.1, 0.1, 0.2, 0.2)), landed, SETTINGS) == ""
+    assert refusal(NextCandidate(), landed, SETTINGS) == ""
+
+
+def test_an_operator_may_say_that_the_camera_is_not_on_the_gimbal() -> None:
+    settings = SETTINGS.model_copy(update={"camera": CameraSettings(ignore_gimbal=True)})
+    assert refusal(Locate(), replace(FLYING, gimbal="MNT1_TYPE is 1"), settings) == ""
