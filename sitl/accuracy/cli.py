@@ -16,6 +16,8 @@ from sitl.accuracy.ardrone_table import run_ardrone
 from sitl.accuracy.closed_loop import ClosedLoop, FlownRow, flight_name, fly_row
 from sitl.accuracy.figure import write_figure
 from sitl.accuracy.flown_log import FlownLog
+from sitl.accuracy.people_command import FLIGHTS as PEOPLE_FLIGHTS
+from sitl.accuracy.people_command import GEOMETRIES, people_setting, run_people
 from sitl.accuracy.programme import METHODS, Figures, accuracy, solutions, write_csv
 from sitl.accuracy.rows import PATTERNS, ROWS, PatternName, Row
 from sitl.accuracy.suite import SUITE_RUNS, suite, summary
@@ -84,6 +86,28 @@ def register(app: typer.Typer) -> None:
         scene: Annotated[
             str, typer.Option(help="Of --rendered: street, featureless, crowd, night or crossing.")
         ] = "street",
+        walks: Annotated[
+            str | None,
+            typer.Option(
+                help="With --suite: people who walk like this, 4 to 25 m away: real-like, straight, random-walk:PSD, "
+                "turns, stops, starts, weaving, giving-way, greeting, crouching, standing, calm, wandering, fast.",
+                show_default=False,
+            ),
+        ] = None,
+        geometry: Annotated[str, typer.Option(help="With --walks: " + ", ".join(GEOMETRIES) + ".")] = "default",
+        noise_scale: Annotated[
+            float, typer.Option(min=0.0, max=100.0, help="With --walks: noise that is made over the header's.")
+        ] = 1.0,
+        heading_bias_deg: Annotated[
+            float, typer.Option(min=0.0, max=90.0, help="With --walks: of every compass, to either side.")
+        ] = 0.0,
+        height_prior: Annotated[str, typer.Option(help="With --walks: none, right or wrong.")] = "none",
+        class_height: Annotated[str, typer.Option(help="With --walks: use, compare or never.")] = "use",
+        person_height_m: Annotated[
+            float | None,
+            typer.Option(min=0.3, max=3.0, help="With --walks: of all people; else adults.", show_default=False),
+        ] = None,
+        processes: Annotated[int, typer.Option(min=0, help="With --walks: at once; 0 is one a core.")] = 0,
     ) -> None:
         """Measure every method's depth error on simulated sightings, beside the paper's figures and the bound.
 
@@ -104,6 +128,22 @@ def register(app: typer.Typer) -> None:
             return
         methods = _checked(method or [])
         rows = _rows(row or [])
+        if walks is not None:
+            if not whole_suite or figure is not None:
+                raise typer.BadParameter("--walks belongs to --suite, without --figure", param_hint="--walks")
+            _check_writable(output, "--output", ())
+            setting = people_setting(
+                walks,
+                geometry=geometry,
+                noise=noise,
+                noise_scale=noise_scale,
+                heading_bias_deg=heading_bias_deg,
+                height_prior=height_prior,
+                class_height=class_height,
+                person_height_m=person_height_m,
+            )
+            run_people(console, setting, flights or PEOPLE_FLIGHTS, seed, processes, output, _progress)
+            return
         if whole_suite:
             if output is not None or figure is not None:
                 raise typer.BadParameter("--output and --figure belong to the rows, not to --suite")
@@ -114,8 +154,8 @@ def register(app: typer.Typer) -> None:
         if not stone_soup.installed():
             console.print(stone_soup.NOT_INSTALLED + ".")
         if closed_loop:
-            setting = ClosedLoop(_NAMES[pattern], _preset(noise), seed)
-            found = _fly_closed_loop(console, setting, rows, repeats, report, methods)
+            flown = ClosedLoop(_NAMES[pattern], _preset(noise), seed)
+            found = _fly_closed_loop(console, flown, rows, repeats, report, methods)
             title = f"{pattern}, closed loop, autopilot {noise}"
             _show(console, found, title, title, output, figure)
             return

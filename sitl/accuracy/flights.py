@@ -24,6 +24,7 @@ from mission.records import (
     TargetPrior,
     Vector,
 )
+from sitl.drawn_walk import Motion
 
 PAPER_CAMERA = CameraIntrinsics(640, 480, 516.5, 516.5, 320.0, 240.0)
 """Kim & Yow's rig: 320 px at atan(57 / 92)."""
@@ -114,6 +115,9 @@ def simulate(
     sizes: Callable[[int], bool] = lambda _: True,
     told: NoiseModel | None = None,
     step_psd_m2_s3: Vector | None = None,
+    walked: Motion | None = None,
+    reported_off_m: Vector | None = None,
+    heading_off_rad: float = 0.0,
     name: str = "simulated",
 ) -> SimulatedFlight:
     """One flight.
@@ -132,6 +136,10 @@ def simulate(
         sizes: whether the i-th sighting has a size.
         told: the noise model that the flight claims, when it is not the one that is made.
         step_psd_m2_s3: white-noise acceleration of the target in each step (n - 1,), when it is not the prior's.
+        walked: how the target walks, in the axes (right, ahead) of the first heading, in place of `walk`'s velocity;
+            who crouches is lower, and so is their centre.
+        reported_off_m: added to the reported positions (n, 3), beside the errors of `noise`.
+        heading_off_rad: added to the reported headings (to the left), beside the errors of `noise`.
         name: the flight's id.
     """
     noise, prior = noise or NoiseModel(), prior or TargetPrior()
@@ -140,7 +148,8 @@ def simulate(
     world_from_start = Rotation.from_euler("z", -heading)
     camera_m = np.asarray(start_enu_m) + world_from_start.apply(pattern.left_ahead_up_m * (-1.0, 1.0, 1.0))
     steps_psd = np.full(n - 1, prior.acceleration_psd_m2_s3) if step_psd_m2_s3 is None else step_psd_m2_s3
-    velocity, wander = _velocity(walk, steps_psd, t, rng)
+    velocity, wander = _velocity(walk, steps_psd, t, rng) if walked is None else _as_walked(walk, walked, t)
+    stature = np.ones(n) if walked is None else walked.stature
     target_start = np.array([walk.lateral_m, walk.depth_m, walk.above_camera_m])
     target_m = np.asarray(start_enu_m) + world_from_start.apply(target_start + wander)
 
@@ -154,9 +163,8 @@ def simulate(
         * Rotation.from_euler("x", np.full((n, 1), -pitch_down_rad))
         * Rotation.from_euler("z", roll[:, None])
     )
-    heading_error = noise.heading_bias_sigma_rad * rng.standard_normal() + noise.heading_sigma_rad * gauss_markov(
-        t, noise.heading_correlation_s, rng
-    )
+    heading_bias = heading_off_rad + noise.heading_bias_sigma_rad * rng.standard_normal()
+    heading_error = heading_bias + noise.heading_sigma_rad * gauss_markov(t, noise.heading_correlation_s, rng)
     tilt_error = noise.tilt_bias_sigma_rad * rng.standard_normal() + noise.tilt_sigma_rad * gauss_markov(
         t, noise.tilt_correlation_s, rng
     )
@@ -168,6 +176,8 @@ def simulate(
         + noise.position_walk_m_per_sqrt_s * np.cumsum(steps, axis=0)
         + noise.position_sigma_m * rng.standard_normal((n, 3))
     )
+    if reported_off_m is not None:
+        reported_m = reported_m + reported_off_m
     seen = world_from_true.inv().apply(line)
     ideal = seen[:, :2] / seen[:, 2:]
     pixels = distorted(ideal, camera) + noise.pixel_sigma_px * np.column_stack(
@@ -175,7 +185,7 @@ def simulate(
     )
     heights = (
         camera.fy
-        * _upright_projection(seen, world_from_true, walk.height_m)
+        * _upright_projection(seen, world_from_true, walk.height_m * stature)
         * np.exp(noise.size_sigma * gauss_markov(t, noise.size_correlation_s, rng))
     )
     wrong = rng.random(n) < wrong_share
@@ -202,9 +212,19 @@ def simulate(
     )
 
 
-def _upright_projection(seen_m: Vector, world_from_camera: Rotation, height_m: float) -> Vector:
-    """Length in tangents of the picture of an upright body centred at places in camera axes (n, 3), (n,)."""
-    half = world_from_camera.inv().apply(np.array([0.0, 0.0, 0.5 * height_m]))
+def _as_walked(walk: Walk, walked: Motion, t_s: Vector) -> tuple[Vector, Vector]:
+    """Velocity (n, 3) and way (n, 3) of a drawn walk: the centre sinks by half of what the height loses."""
+    sunk = 0.5 * walk.height_m * (walked.stature - walked.stature[0])
+    return (
+        np.column_stack((walked.velocity_m_s, np.gradient(sunk, t_s))),
+        np.column_stack((walked.way_m, sunk)),
+    )
+
+
+def _upright_projection(seen_m: Vector, world_from_camera: Rotation, height_m: Vector) -> Vector:
+    """Length in tangents of the picture of upright bodies (n,) centred at places in camera axes (n, 3), (n,)."""
+    up = np.column_stack((np.zeros((len(height_m), 2)), 0.5 * height_m))
+    half = world_from_camera.inv().apply(up)
     above, below = seen_m + half, seen_m - half
     ends = above[:, :2] / above[:, 2:] - below[:, :2] / below[:, 2:]
     return np.asarray(np.linalg.norm(ends, axis=1))
