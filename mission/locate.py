@@ -55,8 +55,8 @@ class Told:
     origin: GeodeticOrigin | None
     noise: NoiseModel
     """Of the reported pose at its own time."""
-    video_note: str = ""
-    """What was wrong with the video and was put right."""
+    notes: tuple[str, ...] = ()
+    """What was wrong with poses and video, and was put right."""
 
 
 class Locate:
@@ -268,7 +268,9 @@ class Locate:
         return located if ended is not None or afterwards is None else replace(located, ended=afterwards.cause)
 
     def _told(self) -> Told:
-        return Told(self._drone.poses(), self._drone.origin, self._drone.noise(), self._loop.video_note)
+        poses = self._drone.poses()
+        notes = tuple(note for note in (self._drone.pose_note(), self._loop.video_note) if note)
+        return Told(poses, self._drone.origin, self._drone.noise(), notes)
 
     def _answer(self, record: FlightRecord, told: Told, last_frame_s: float) -> Located:
         """In a thread of its own: the aircraft itself is not asked, since only the flight's loop speaks to it."""
@@ -281,8 +283,7 @@ class Locate:
         self._before = flight.id
         self._watcher.sightings(flight)
         estimate = self._passes.estimate(flight)
-        notes = (steadied.note(), *([told.video_note] if told.video_note else []))
-        estimate = replace(estimate, notes=(*estimate.notes, *notes))
+        estimate = replace(estimate, notes=(*estimate.notes, steadied.note(), *told.notes))
         comparisons = []
         for name in ("stereo", "three-image", "four-image"):
             try:

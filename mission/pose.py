@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mission.pose_steps import Steps, level_headings, level_positions
 from mission.records import Matrix, Vector
 
 
@@ -86,6 +87,18 @@ class PoseBuffer:
             copy._attitudes = self._attitudes.copy()
         return copy
 
+    def level(self, since_s: float) -> Steps:
+        """Undo the steps of the reported pose (`mission.pose_steps`), in place; to be used on a snapshot.
+
+        Args:
+            since_s: nothing is looked at before this time.
+        """
+        with self._lock:
+            lengths = self._positions.levelled(since_s, level_positions)
+            turns = self._attitudes.levelled(since_s, level_headings)
+        largest = [float(steps.max(initial=0.0)) for steps in (lengths, turns)]
+        return Steps(largest[0], largest[1], len(lengths) + len(turns))
+
     def clear(self) -> None:
         """Forget everything, for example after the remote clock was restarted."""
         with self._lock:
@@ -140,6 +153,16 @@ class _Stream:
 
     def keep_for(self, keep_s: float, max_messages: int) -> None:
         self._keep_s, self._max = max(self._keep_s, keep_s), max(self._max, max_messages)
+
+    def levelled(self, since_s: float, level: Callable[[Vector, Matrix], tuple[Matrix, Vector]]) -> Vector:
+        first = bisect_right(self.times, since_s)
+        if len(self.times) - first < 3:
+            return np.zeros(0)
+        before = np.array(self.values[first:])
+        values, steps = level(np.array(self.times[first:]), before)
+        if len(steps):
+            self.values[first:] = list(values)
+        return steps
 
     def copy(self) -> _Stream:
         copy = _Stream(self._keep_s, self._max)

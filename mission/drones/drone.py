@@ -212,6 +212,10 @@ class Drone(Protocol):
         """How good this aircraft's reported pose is (the pose fields of the noise model)."""
         ...
 
+    def pose_note(self) -> str:
+        """What was wrong with the poses of the last `poses` and was put right; empty where nothing was."""
+        ...
+
     def begin(self, bounds: Bounds) -> None:
         """A new order by the operator: from here the flight is bounded by `bounds`, and control may be taken once.
 

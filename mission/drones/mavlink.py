@@ -32,6 +32,7 @@ from mission.errors import LinkError
 from mission.geodesy import geodetic_to_enu
 from mission.pose import Pose, PoseAt, PoseBuffer, world_from_body
 from mission.pose_history import PoseHistory
+from mission.pose_steps import Steps
 from mission.records import GeodeticOrigin, NoiseModel
 
 PILOT_MODULE = "mission.drones.pilot"
@@ -85,12 +86,15 @@ class MavlinkDrone(PilotedDrone):
         self._newest_boot_s = 0.0
         self._loss = PacketLoss()
         self._gimbal = GimbalSigns()
+        self._steps = Steps()
+        self._begun_boot_s = 0.0
         self._thinning = Thinning(self._target_system, self._clock(), sparing=self._sparing)
 
     def begin(self, bounds: Bounds) -> None:
         """See `Drone.begin`; poses are kept for as long as the flight may take."""
         super().begin(bounds)
         self._poses.keep_for(bounds.max_duration_s + KEPT_BEFORE_S)
+        self._begun_boot_s, self._steps = self._newest_boot_s, Steps()
 
     @property
     def name(self) -> str:
@@ -200,16 +204,19 @@ class MavlinkDrone(PilotedDrone):
         return None if pose is None else replace(pose, t_s=t_s)
 
     def poses(self) -> PoseAt:
-        """`pose_at` as of now, for work in other threads."""
+        """`pose_at` as of now, for work in other threads; steps of the estimator since the order are undone."""
         with self._lock:
-            boot = deepcopy(self._boot)
-        return PoseHistory(
-            self._poses.snapshot(), boot, position_covariance(self._state), attitude_covariance(self._state)
-        ).at
+            boot, snapshot = deepcopy(self._boot), self._poses.snapshot()
+        self._steps = snapshot.level(self._begun_boot_s)
+        return PoseHistory(snapshot, boot, position_covariance(self._state), attitude_covariance(self._state)).at
 
     def noise(self) -> NoiseModel:
-        """How good the reported pose is within a pattern, see `mission.drones.pose_quality`."""
-        return noise_model(self._state)
+        """How good the poses of the last `poses` are within a pattern, see `mission.drones.pose_quality`."""
+        return self._steps.widened(noise_model(self._state))
+
+    def pose_note(self) -> str:
+        """See `Drone.pose_note`."""
+        return self._steps.note()
 
     def _pose_rate(self) -> float:
         return 0.0 if self._rates is None else min(self._rates.hz("GLOBAL_POSITION_INT"), self._rates.hz("ATTITUDE"))

@@ -12,7 +12,7 @@ from mission.drones.modes import Autopilot
 
 
 def number_of(message: Any, autopilot: Autopilot) -> float | None:
-    """A PARAM_VALUE's number, None where it is none: PX4 puts an integer's bytes into the float, ArduPilot its value."""
+    """Its number, None where it is none: PX4 puts an integer's bytes into the float, ArduPilot its value."""
     value = float(message.param_value)
     if autopilot == "px4" and message.param_type != mavlink.MAV_PARAM_TYPE_REAL32:
         return float(struct.unpack("<i", struct.pack("<f", value))[0])

@@ -101,6 +101,10 @@ class PilotedDrone(ABC):
             packet_loss=self._packet_loss(now),
         )
 
+    def pose_note(self) -> str:
+        """See `Drone.pose_note`: nothing."""
+        return ""
+
     def begin(self, bounds: Bounds) -> None:
         """A new order by the operator: control may be taken once, within `bounds`.
 

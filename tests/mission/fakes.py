@@ -95,6 +95,9 @@ class FakeDrone:
     def noise(self) -> NoiseModel:
         return NoiseModel()
 
+    def pose_note(self) -> str:
+        return ""
+
     def begin(self, bounds: Bounds) -> None:
         self.calls.append("begin")
 
