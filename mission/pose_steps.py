@@ -2,9 +2,10 @@
 
 An aircraft does not jump. Between two reports its position changes by what its reported velocity explains, to within
 the rounding of the message (a centimetre), and its heading by what it can turn. What is more is a reset of the
-estimator (EKF position, velocity or yaw reset), perhaps spread over a few reports. What was reported before is then moved over
-to join what is reported after it, so that the path keeps its shape, which is what the parallax is measured against.
-Which of the two was nearer to the truth nobody knows, so the direction of the whole stays as uncertain as the step.
+estimator (EKF position, velocity or yaw reset), perhaps spread over a few reports. What was reported before is then
+moved over to join what is reported after it, so that the path keeps its shape, which is what the parallax is measured
+against. Which of the two was nearer to the truth nobody knows, so the direction of the whole stays as uncertain as
+the step.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ import numpy as np
 from mission.records import Matrix, NoiseModel, Vector
 
 _STEP_M: Final = 0.2
-"""A position that changes by this much more than its velocity explains, within `_WINDOW_S`, has stepped. In four recorded
-flights of ArduCopter and PX4 (11,800 reports) nothing did."""
+"""A position that changes by this much more than its velocity explains, within `_WINDOW_S`, has stepped. In four
+recorded flights of ArduCopter and PX4 (11,800 reports) nothing did."""
 _PART_M: Final = 0.04
 """Least part of a step that is spread over several reports."""
 _WINDOW_S: Final = 0.16
