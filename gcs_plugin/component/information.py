@@ -9,6 +9,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_plugin.component.identity import Identity
+from gcs_plugin.component.video_stream import VideoStream, video_stream
 
 Message = Any
 """A pymavlink message: its classes are generated and untyped."""
@@ -25,11 +26,13 @@ REQUEST_COMMANDS: Final[dict[int, int]] = {
 """The commands of before MAV_CMD_REQUEST_MESSAGE, which QGroundControl still sends as well."""
 
 CAMERA_FLAGS: Final[int] = (
-    mavlink.CAMERA_CAP_FLAGS_HAS_VIDEO_STREAM
+    mavlink.CAMERA_CAP_FLAGS_CAPTURE_VIDEO
     | mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_POINT
     | mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_RECTANGLE
     | mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_GEO_STATUS
 )
+"""Captures video: QGroundControl shows its "Camera Tracking" switch only with a camera that captures video or photos
+(`PhotoVideoControl.qml`)."""
 _UNKNOWN: Final = math.nan
 _FULL_HD_SENSOR_MM: Final = 6.17
 """Stands for the unknown width of the sensor; only its ratio to the focal length, the field of view, means anything."""
@@ -43,18 +46,15 @@ class Picture:
     height_px: int
     hfov_rad: float
     url: str
-    """Where stations find the video."""
+    """The video's address, as FFmpeg opens it."""
     framerate_hz: float = 0.0
+    codec: str = ""
+    """FFmpeg's name for it; empty before the video was opened."""
 
     @property
-    def stream_type(self) -> int:
-        """VIDEO_STREAM_TYPE of the address."""
-        scheme = self.url.partition("://")[0].lower()
-        if scheme in ("tcp", "tcpin"):
-            return int(mavlink.VIDEO_STREAM_TYPE_TCP_MPEG)
-        if scheme in ("rtp", "file") or self.url.lower().endswith(".sdp"):
-            return int(mavlink.VIDEO_STREAM_TYPE_RTPUDP)
-        return int(mavlink.VIDEO_STREAM_TYPE_MPEG_TS if scheme == "udp" else mavlink.VIDEO_STREAM_TYPE_RTSP)
+    def stream(self) -> VideoStream | None:
+        """What stations are told of it; None where they could not open it."""
+        return video_stream(self.url, self.codec)
 
 
 def information(message_id: int, identity: Identity, picture: Picture, boot_ms: int) -> Message | None:
@@ -70,10 +70,13 @@ def information(message_id: int, identity: Identity, picture: Picture, boot_ms: 
         case mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION:
             return _camera_information(identity, picture, boot_ms)
         case mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION:
+            stream = picture.stream
+            if stream is None:
+                return None
             return mavlink.MAVLink_video_stream_information_message(
                 1,
                 1,
-                picture.stream_type,
+                stream.kind,
                 mavlink.VIDEO_STREAM_STATUS_FLAGS_RUNNING,
                 picture.framerate_hz,
                 picture.width_px,
@@ -82,9 +85,10 @@ def information(message_id: int, identity: Identity, picture: Picture, boot_ms: 
                 0,
                 round(math.degrees(picture.hfov_rad)),
                 b"sidestep",
-                _uri(picture.url),
+                stream.uri.encode(),
+                stream.encoding,
             )
-        case mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_STATUS:
+        case mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_STATUS if picture.stream is not None:
             return mavlink.MAVLink_video_stream_status_message(
                 1,
                 mavlink.VIDEO_STREAM_STATUS_FLAGS_RUNNING,
@@ -124,7 +128,7 @@ def _camera_information(identity: Identity, picture: Picture, boot_ms: int) -> M
         picture.width_px,
         picture.height_px,
         0,
-        CAMERA_FLAGS,
+        CAMERA_FLAGS | (0 if picture.stream is None else mavlink.CAMERA_CAP_FLAGS_HAS_VIDEO_STREAM),
         0,
         b"",
     )
@@ -132,8 +136,3 @@ def _camera_information(identity: Identity, picture: Picture, boot_ms: int) -> M
 
 def _text(text: str, size: int) -> list[int]:
     return list(text.encode("ascii", "replace")[: size - 1].ljust(size, b"\0"))
-
-
-def _uri(url: str) -> bytes:
-    data = url.encode("utf-8")
-    return data if len(data) < 160 else b""  # half an address leads nowhere

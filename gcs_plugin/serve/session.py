@@ -238,7 +238,9 @@ class Session:
                 raise FlightEnded("aborted by the operator")
         self._view = opening.result()
         lens = self._view[1].intrinsics
-        self._component.picture = replace(self._component.picture, width_px=lens.width_px, height_px=lens.height_px)
+        codec = self._view[0].stats().codec or self._component.picture.codec
+        told = replace(self._component.picture, width_px=lens.width_px, height_px=lens.height_px, codec=codec)
+        self._component.picture = told
         return self._view
 
     def _close_video(self) -> None:

@@ -120,6 +120,8 @@ class VehicleService:
         )
         with component:
             self._say(f"serving {drone.name} as component {number}")
+            if component.picture.stream is None:
+                self._say("stations are not told of the video: they could not open its address, or it has a password")
             try:
                 Session(self._crew, drone, station, component).run()
             finally:

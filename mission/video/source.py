@@ -131,7 +131,7 @@ class _StreamVideo:
         self._decoded_at: deque[float] = deque(maxlen=256)
         self._last_t_s = -np.inf
         self._failure = explain(url, TimeoutError(), self._live)
-        self._error = self._note = ""
+        self._error = self._note = self._codec = ""
         self._size: tuple[int, int] | None = None
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
         self._thread.start()
@@ -181,6 +181,7 @@ class _StreamVideo:
                 mean_s,
                 self._error,
                 self._note,
+                self._codec,
             )
 
     def close(self) -> None:
@@ -235,6 +236,7 @@ class _StreamVideo:
 
     def _play(self, source: Input) -> None:
         opened_s = self._clock()
+        self._codec = source.stream.codec_context.name if source.stream.codec_context else ""
         timeline: Timeline
         if self._live:
             timeline = LiveTimeline(self._latency_s)

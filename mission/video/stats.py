@@ -38,3 +38,5 @@ class VideoStats:
     """Why it is not playing; empty while it is."""
     note: str = ""
     """What is wrong with the stream and was put right, for the operator; empty where nothing is."""
+    codec: str = ""
+    """FFmpeg's name of how it is encoded; empty before it was opened."""
