@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, Literal
 
+from pymavlink.dialects.v20 import all as mavlink
+
 from gcs_plugin.authority.rate import TokenBucket
 from gcs_plugin.authority.signature_memory import SignatureMemory
 from gcs_plugin.authority.signing import SignatureCheck
@@ -19,6 +21,8 @@ Message = Any
 
 Reason = Literal["stranger", "unsigned", "forged", "replayed", "old", "too-many"]
 FLIGHT_BURST: Final = 3.0
+DOOR: Final = 2.0
+"""Frames of others that are read, as a multiple of the commands that one sender may give."""
 _TEXTS: Final[dict[Reason, str]] = {
     "stranger": "is not allowed to give orders",
     "unsigned": "does not sign its orders",
@@ -67,6 +71,9 @@ class Authority:
         self._strangers = self._bucket()
         self._senders: dict[tuple[int, int], TokenBucket] = {}
         self._flights = TokenBucket(settings.flights_per_minute / 60.0, FLIGHT_BURST)
+        self._door = TokenBucket(DOOR * settings.commands_per_s, 2.0 * DOOR * settings.commands_per_s)
+        self.turned_away = 0
+        """Frames that were not even read (`lets_in`)."""
         self.counts: Counter[Reason] = Counter()
         """Refused messages by reason."""
 
@@ -75,8 +82,25 @@ class Authority:
 
     def knows(self, message: Message) -> bool:
         """Whether its sender's name is on the list."""
-        system, component = message.get_srcSystem(), message.get_srcComponent()
+        return self._is_allowed(message.get_srcSystem(), message.get_srcComponent())
+
+    def _is_allowed(self, system: int, component: int) -> bool:
         return str(system) in self._allowed or f"{system}/{component}" in self._allowed
+
+    def lets_in(self, frame: bytes, now_s: float) -> bool:
+        """Whether a whole frame is worth reading: a flood must not hide the orders of those who may give them.
+
+        Theirs always are, where a key is set the signed ones that were not played before; of all others' a bounded
+        number. To be called from one thread, which need not be the others'.
+        """
+        at = 5 if frame[0] == mavlink.PROTOCOL_MARKER_V2 else 3
+        known = self._is_allowed(frame[at], frame[at + 1])
+        if known and (self._signatures is None or self._signatures.first_seen(frame)):
+            return True
+        if self._door.take(now_s):
+            return True
+        self.turned_away += 1
+        return False
 
     def too_many(self, message: Message, now_s: float) -> bool:
         """Whether this message is beyond its sender's rate, and is passed over; strangers share one rate.

@@ -73,7 +73,7 @@ class SignatureCheck:
     clock: one that lags by `ORDER_AGE_UNITS` more than the most punctual one of its stream was held back on its way.
     Steps of this computer's clock (a GPS fix, NTP) do not count. The first frame of a stream is measured by UTC.
 
-    `genuine`, `fresh` and `timestamp` may be called from any thread, the rest from one.
+    `fresh` and `timestamp` may be called from any thread, `first_seen` from one, the rest from one other.
 
     Args:
         key: 32 bytes.
@@ -98,23 +98,34 @@ class SignatureCheck:
         """By how much each stream's most punctual frame was behind the monotonic clock, since the program's start."""
         self._floor = timestamp_of(utc()) if memory is not None and memory.lost else 0
         """What a stream of which nothing is known has signed until then may be a replay."""
+        self._seen: dict[Stream, int] = {}
         self._lock = threading.Lock()
         self._reference = (max(self._streams.values(), default=0), clock())
         """The latest timestamp that was signed by anybody or given out, and when."""
         self.behind_s = 0.0
         """By how much the last frame that was "old" came too late."""
 
-    def genuine(self, frame: bytes) -> bool:
-        """Whether a frame carries the key's signature, however old it is; the frame is not used up."""
-        return self._wrong(frame) is None
-
     def fresh(self, frame: bytes) -> bool:
-        """Whether a frame is genuine, and later than what its stream signed before; the frame is not used up."""
+        """Whether a frame is signed with the key, later than what its stream signed before; it is not used up."""
         if self._wrong(frame) is not None:
             return False
         stamp, stream = _stamp(frame)
         known = self._streams.get(stream)
         return known is None or stamp > known
+
+    def first_seen(self, frame: bytes) -> bool:
+        """Whether a frame is fresh, and later than all of its stream for which this was answered.
+
+        For the thread that reads the link, so that frames played again do not pile up before those that wait.
+        """
+        if not self.fresh(frame):
+            return False
+        stamp, stream = _stamp(frame)
+        seen = self._seen.get(stream)
+        if (len(self._seen) >= MOST_STREAMS) if seen is None else (stamp <= seen):
+            return False
+        self._seen[stream] = stamp
+        return True
 
     def fault(self, frame: bytes, *, order: bool = True, ageless: bool = False) -> Fault | None:
         """What is wrong with a frame's signature; None when it is good, and the frame is used up then.

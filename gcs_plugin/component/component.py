@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any, Final, Protocol, Self
 
@@ -41,6 +42,15 @@ class ComponentLink(Link, Protocol):
 
     answer: Message | None
     """The newest CAMERA_TRACKING_GEO_STATUS that was sent."""
+
+    def listen(self, *types: str, gate: Callable[[bytes, float], bool] | None = None) -> AbstractContextManager[Inbox]:
+        """Collect messages of these types while the context lasts.
+
+        Args:
+            types: message names.
+            gate: told the bytes and the arrival time of each, in another thread; answers whether it is let in.
+        """
+        ...
 
 
 class CameraComponent:
@@ -96,7 +106,7 @@ class CameraComponent:
         self._seen: Seen | None = None
         self._started_s = clock()
         self._next_beat_s = self._started_s
-        self._listening = link.listen("HEARTBEAT", *COMMAND_MESSAGES, *PARAMETER_MESSAGES)
+        self._listening = link.listen("HEARTBEAT", *COMMAND_MESSAGES, *PARAMETER_MESSAGES, gate=authority.lets_in)
         self._inbox: Inbox | None = None
 
     def __enter__(self) -> Self:

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from typing import Any, Final
 
 from gcs_plugin.publish import Inbox
-from mission.drones.link import MavlinkLink
+from mission.drones.link import Gate, MavlinkLink
 
 Message = Any
 """A pymavlink message: its classes are generated and untyped."""
@@ -39,9 +39,9 @@ class StationLink:
         if message.get_type() == "CAMERA_TRACKING_GEO_STATUS":
             self.answer = message
 
-    def listen(self, *types: str) -> AbstractContextManager[Inbox]:
-        """Collect messages of these types while the context lasts."""
-        return self._link.listen(*types, size=INBOX_SIZE)
+    def listen(self, *types: str, gate: Gate | None = None) -> AbstractContextManager[Inbox]:
+        """Collect messages of these types while the context lasts; see `MavlinkLink.listen`."""
+        return self._link.listen(*types, size=INBOX_SIZE, gate=gate)
 
     def command_int(self, command: int, params: Sequence[float], x: int, y: int, z: float, *, frame: int) -> int:
         """COMMAND_INT, repeated until it is answered: MAV_RESULT."""

@@ -19,6 +19,9 @@ from mission.drones.mailbox import Mailbox, Message
 
 _LOG = logging.getLogger(__name__)
 
+Gate = Callable[[bytes, float], bool]
+"""Whether a whole frame that arrived at a time (monotonic seconds) is let in."""
+
 
 class MavlinkLink:
     """One side of a MAVLink connection over UDP: sends, listens, commands; its own heartbeat keeps it known.
@@ -75,15 +78,15 @@ class MavlinkLink:
         self._signers: dict[int, Callable[[], int]] = {}
         self._sending = threading.Lock()
         self._peer: Address | None = None
-        self._boxes: list[tuple[frozenset[str], Mailbox]] = []
+        self._boxes: list[tuple[frozenset[str], Mailbox, Gate | None]] = []
         self._boxes_lock = threading.Lock()
+        self._boxes_of: dict[int, tuple[tuple[Mailbox, Gate | None], ...]] = {}
+        self._handled_ids = frozenset(MESSAGE_IDS[n] for n in (*handled, "HEARTBEAT"))
         self._commands = CommandProtocol(self, clock)
-        self._wanted: frozenset[int] = frozenset()
         self._heartbeat = heartbeat
         self._wants = wants
         self._at_leisure = at_leisure
         self._closed = threading.Event()
-        self._update_wanted()
         self._thread = threading.Thread(target=self._run, name="mavlink-link", daemon=True)
         self._thread.start()
 
@@ -147,8 +150,14 @@ class MavlinkLink:
         return packer
 
     @contextlib.contextmanager
-    def listen(self, *types: str, size: int = 200) -> Iterator[Mailbox]:
+    def listen(self, *types: str, size: int = 200, gate: Gate | None = None) -> Iterator[Mailbox]:
         """A mailbox that collects messages of these names from the whole link while the context lasts.
+
+        Args:
+            types: message names.
+            size: when more wait, the oldest go.
+            gate: called in the reader thread with the bytes of each such frame and its arrival time; what it answers
+                False to does not get into the mailbox, nor is it decoded for it. It must not raise and not block.
 
         Raises:
             ValueError: a name that is not in the MAVLink dialect.
@@ -156,16 +165,16 @@ class MavlinkLink:
         unknown = [t for t in types if t not in MESSAGE_IDS]
         if unknown:
             raise ValueError(f"no MAVLink message is called {', '.join(unknown)}")
-        entry = (frozenset(types), Mailbox(size))
+        entry = (frozenset(types), Mailbox(size), gate)
         with self._boxes_lock:
             self._boxes.append(entry)
-            self._update_wanted()
+            self._sort_boxes()
         try:
             yield entry[1]
         finally:
             with self._boxes_lock:
                 self._boxes = [e for e in self._boxes if e is not entry]
-                self._update_wanted()
+                self._sort_boxes()
 
     def command(
         self,
@@ -229,9 +238,12 @@ class MavlinkLink:
         patience = Patience(timeout_s, retries, progress_timeout_s)
         return self._commands.order(build, command, patience, source_component)
 
-    def _update_wanted(self) -> None:
-        names = set(self._handled).union(*(types for types, _ in self._boxes)) | {"HEARTBEAT"}
-        self._wanted = frozenset(MESSAGE_IDS[n] for n in names)
+    def _sort_boxes(self) -> None:
+        boxes_of: dict[int, tuple[tuple[Mailbox, Gate | None], ...]] = {}
+        for types, box, gate in self._boxes:
+            for message_id in (MESSAGE_IDS[name] for name in types):
+                boxes_of[message_id] = (*boxes_of.get(message_id, ()), (box, gate))
+        self._boxes_of = boxes_of
 
     def _run(self) -> None:
         next_beat = 0.0
@@ -258,16 +270,21 @@ class MavlinkLink:
             return
         for message_id, frame in frames(data):
             wanted = self._wants is None or self._wants(message_id, frame, arrived_s)
-            if self._peer is not None and not (wanted and message_id in self._wanted):
+            boxes = [
+                box
+                for box, gate in (self._boxes_of.get(message_id, ()) if wanted else ())
+                if gate is None or gate(frame, arrived_s)
+            ]
+            if self._peer is not None and not boxes and not (wanted and message_id in self._handled_ids):
                 continue
             message = decode(self._parser, frame)
             if message is None:
                 self.rejected += 1
                 continue
             self._peer = peer
-            self._deliver(message, arrived_s)
+            self._deliver(message, boxes, arrived_s)
 
-    def _deliver(self, message: Message, arrived_s: float) -> None:
+    def _deliver(self, message: Message, boxes: Sequence[Mailbox], arrived_s: float) -> None:
         name = message.get_type()
         self.received[name] += 1
         if (
@@ -277,10 +294,7 @@ class MavlinkLink:
             and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID
         ):
             self.target_system = message.get_srcSystem()
-        with self._boxes_lock:
-            boxes = list(self._boxes)
-        for types, box in boxes:
-            if name in types:
-                box.put(message)
+        for box in boxes:
+            box.put(message)
         if self._handler is not None and name in self._handled:
             self._handler(message, arrived_s)

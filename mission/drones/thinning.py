@@ -10,6 +10,8 @@ from pymavlink.dialects.v20 import all as mavlink
 from mission.drones.framing import MESSAGE_IDS
 
 FREQUENT: Final = ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "ATTITUDE", "CURRENT_MODE")
+OTHERS_BEATS_HZ: Final = 100
+"""Of heartbeats that are not the vehicle's, no more are decoded: whoever floods the link does not stop its reader."""
 NEEDED_S: Final = 5.0
 """All messages are decoded for this long after they were needed last."""
 THINNED_S: Final = 0.09
@@ -37,6 +39,7 @@ class Thinning:
         self._due_s = dict.fromkeys(self._names, now_s)
         self._sparing = sparing
         self._until_s = now_s + NEEDED_S
+        self._beats, self._beats_since_s = 0, now_s
 
     def need(self, now_s: float) -> None:
         """Somebody looks: decode everything for a while."""
@@ -49,9 +52,10 @@ class Thinning:
     def wants(self, message_id: int, frame: bytes, now_s: float) -> bool:
         """Whether a whole MAVLink 1 or 2 frame is to be decoded."""
         due_s = self._due_s.get(message_id)
-        if due_s is None:
-            return True
         at = 5 if frame[0] == mavlink.PROTOCOL_MARKER_V2 else 3
+        if due_s is None:
+            beat_of_others = message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT and frame[at : at + 2] != self._sender
+            return not beat_of_others or self._few_beats(now_s)
         if frame[at : at + 2] != self._sender:
             return False
         if self.at_leisure(now_s):
@@ -60,3 +64,10 @@ class Thinning:
                 return False
             self._due_s[message_id] = now_s + THINNED_S
         return True
+
+    def _few_beats(self, now_s: float) -> bool:
+        """Whether one more heartbeat of somebody else is decoded in this second."""
+        if not 0.0 <= now_s - self._beats_since_s < 1.0:
+            self._beats, self._beats_since_s = 0, now_s
+        self._beats += 1
+        return self._beats <= OTHERS_BEATS_HZ
