@@ -27,6 +27,9 @@ off by 2.2 times what they tell, relative to the first frame. It matters where n
 normalised error of 28 answers was 2.8 without this and 2.3 with it, in streets 1.8 either way."""
 _PATH_MARGIN = 1.5
 """The path likewise."""
+_SCALE_MARGIN = 1.5
+"""The path's size comes from the telemetry alone, and how that drifts was measured on two autopilots only. On a third
+the path was 3.0 % short where 1.2 % were stated; in five of seven flights taken apart the distance erred as the size."""
 
 
 def achieved_noise(bundle: Bundle, similarity: Similarity, stated: NoiseModel) -> NoiseModel:
@@ -58,7 +61,7 @@ def achieved_noise(bundle: Bundle, similarity: Similarity, stated: NoiseModel) -
         heading_bias_sigma_rad=math.hypot(heading, _DIRECTION_SIGMA_RAD),
         tilt_bias_sigma_rad=tilt,
         # What errs all along is not seen in how the reports differ from the pictures.
-        position_scale_sigma=math.hypot(stated.position_scale_sigma, math.sqrt(open_[0, 0])),
+        position_scale_sigma=math.hypot(stated.position_scale_sigma, _SCALE_MARGIN * math.sqrt(open_[0, 0])),
         world_heading_sigma_rad=math.hypot(stated.world_heading_sigma_rad, math.sqrt(open_[3, 3])),
         world_tilt_sigma_rad=math.hypot(stated.world_tilt_sigma_rad, math.sqrt(0.5 * (open_[1, 1] + open_[2, 2]))),
     )
