@@ -24,7 +24,7 @@ def register(app: typer.Typer) -> None:
     def sitl(
         scenarios: Annotated[list[Path], typer.Argument(help="Scenario files (TOML).", metavar="SCENARIO...")],
         report: Annotated[Path, typer.Option(help="Folder for the flights, answers and pictures.")] = Path("reports"),
-        noise: Annotated[str | None, typer.Option(help="good or rough, instead of the scenarios' own.")] = None,
+        noise: Annotated[str | None, typer.Option(help="good, rough or wide, instead of the scenarios' own.")] = None,
         seed: Annotated[int | None, typer.Option(help="Seed, instead of the scenarios' own.")] = None,
         autopilot: Annotated[
             str | None,

@@ -55,6 +55,7 @@ _INTENSITY_SPREAD = 0.9
 _CALM_PSD = 0.014
 """Median intensity of most people, m2/s3 per axis."""
 _WANDERING_PSD = 0.022
+_FACING_M_S = 0.2
 _EVENT_EVERY_S = 9.0
 """Mean time between two turns, stops and so on of somebody who does such things."""
 
@@ -80,6 +81,9 @@ class DrawnWalk:
     way_m: Vector
     velocity_m_s: Vector
     stature: Vector
+    heading_rad: Vector
+    """Where the person faces; with `speed_m_s` the walk without the sway of the body."""
+    speed_m_s: Vector
 
     def at(self, t_s: Vector) -> Motion:
         """The walk at times from 0 to its duration, shape (n,)."""
@@ -139,7 +143,8 @@ def draw_walk(
     way = np.vstack((np.zeros(2), np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * _DT_S, axis=0)))
     sway = _sway(t, np.clip(np.abs(ahead), 0.3, 1.5), rng)
     swayed = sway[:, :1] * forward + sway[:, 1:] * right
-    return DrawnWalk(chosen, t, way + swayed - swayed[0], velocity + np.gradient(swayed, _DT_S, axis=0), doing.stature)
+    swayed_velocity = velocity + np.gradient(swayed, _DT_S, axis=0)
+    return DrawnWalk(chosen, t, way + swayed - swayed[0], swayed_velocity, doing.stature, *_course(velocity, forward))
 
 
 def random_walk(
@@ -151,7 +156,14 @@ def random_walk(
     first = speed_sigma_m_s * rng.standard_normal(2)
     velocity = first + np.vstack((np.zeros(2), np.cumsum(steps, axis=0)))
     way = np.vstack((np.zeros(2), np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * _DT_S, axis=0)))
-    return DrawnWalk("wandering" if psd_m2_s3 > 0.0 else "calm", t, way, velocity, np.ones(len(t)))
+    course = _course(velocity, np.zeros((len(t), 2)))
+    return DrawnWalk("wandering" if psd_m2_s3 > 0.0 else "calm", t, way, velocity, np.ones(len(t)), *course)
+
+
+def _course(velocity: Vector, forward: Vector) -> tuple[Vector, Vector]:
+    """Where somebody faces (rad), and their speed; who hardly moves faces forward."""
+    towards = velocity + _FACING_M_S * forward
+    return np.unwrap(np.arctan2(towards[:, 0], towards[:, 1])), np.linalg.norm(velocity, axis=1)
 
 
 def _met(rng: np.random.Generator) -> WalkKind:

@@ -13,7 +13,7 @@
 
     [autopilot]
     flavour = "px4"                  # px4 | ardupilot
-    noise = "good"                   # good | rough: how well it knows its pose
+    noise = "good"                   # good | rough | wide (drawn by the seed): how well it knows its pose
     wind_m_s = 1.0                   # mean wind, the way it blows FROM, and the standard deviation of the gusts
     wind_from_deg = 250.0
     gust_m_s = 0.3
@@ -66,6 +66,8 @@
     # when = "drone-moves"           # instead: from when it flies sideways; all who wait wait for the same
     stop_after_s = 30.0              # optional, after the walk began
     turns = [{ after_s = 4.0, by_deg = -90.0 }]   # optional, clockwise, after the walk began
+    # walks = "real-like"            # instead of speed, stop and turns: as people walk (real-like, calm, turns, ...)
+    # walk_seed = 1                  # which such walk
     height_m = 1.75                  # 1.5 to 1.95
     build = 1.0                      # breadth and depth of the body for its height, 0.8 to 1.3
     stride = 1.0                     # length of the steps for the speed, 0.8 to 1.25: longer ones are fewer
@@ -125,7 +127,7 @@ class Autopilot(Table):
     """Which autopilot flies, how well it knows where it is, and the wind."""
 
     flavour: Literal["px4", "ardupilot"] = "px4"
-    noise: Literal["good", "rough"] = "good"
+    noise: Literal["good", "rough", "wide"] = "good"
     wind_m_s: float = Field(default=0.0, ge=0.0, le=15.0)
     wind_from_deg: Degrees = 270.0
     gust_m_s: float = Field(default=0.0, ge=0.0, le=5.0)
@@ -231,9 +233,11 @@ class Scenario(Table):
     marker_wall: MarkerWall | None = None
 
     @model_validator(mode="after")
-    def _one_signal(self) -> Self:
+    def _one_signal_and_known_noise(self) -> Self:
         if len({person.when for person in self.people if person.when is not None}) > 1:
             raise ValueError("all people who wait for the drone must wait for the same, drone-moves or drone-turns")
+        if self.vehicle.kind == "ardrone" and self.autopilot.noise == "wide":
+            raise ValueError('noise = "wide" is of MAVLink autopilots; an AR.Drone has good or rough')
         return self
 
     @property

@@ -9,6 +9,21 @@ from pydantic import Field, model_validator
 
 from sitl.scenario_table import Degrees, Table
 
+ScenarioWalk = Literal[
+    "real-like",
+    "calm",
+    "wandering",
+    "turns",
+    "stops",
+    "starts",
+    "weaving",
+    "giving-way",
+    "greeting",
+    "crouching",
+    "standing",
+]
+"""Of `sitl.drawn_walk`; nobody runs: the body has no gait for it."""
+
 Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
 
 
@@ -48,6 +63,8 @@ class Person(Table):
     when: Literal["drone-moves", "drone-turns"] | None = None
     stop_after_s: float | None = Field(default=None, ge=0.0, le=600.0)
     turns: tuple[Turn, ...] = ()
+    walks: ScenarioWalk | None = None
+    walk_seed: int = Field(default=1, ge=0, lt=2**31)
     height_m: float = Field(default=1.75, ge=1.5, le=1.95)
     build: float = Field(default=1.0, ge=0.8, le=1.3)
     stride: float = Field(default=1.0, ge=0.8, le=1.25)
@@ -59,6 +76,8 @@ class Person(Table):
             raise ValueError("give either walk_from_line_of_sight_deg or walk_heading_deg, not both")
         if self.at is not None and self.when is not None:
             raise ValueError('give either at = "start" or when, not both')
+        if self.walks is not None and (self.turns or self.stop_after_s is not None or self.speed_m_s > 0.0):
+            raise ValueError("walks draws speed, stops and turns itself: leave speed_m_s, stop_after_s and turns out")
         return self
 
     @property

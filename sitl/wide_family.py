@@ -42,11 +42,23 @@ class MultipathStep:
     lasts_s: float
     east_north_m: tuple[float, float]
 
+    @property
+    def ends_s(self) -> float:
+        """When it has gone."""
+        return self.at_s + 2.0 * self.over_s + self.lasts_s
+
     def at(self, t_s: Vector) -> Vector:
         """Displacement (n, 2), m, at times (n,)."""
         come = np.clip((t_s - self.at_s) / self.over_s, 0.0, 1.0)
-        gone = np.clip((t_s - self.at_s - self.over_s - self.lasts_s) / self.over_s, 0.0, 1.0)
+        gone = np.clip((t_s - self.ends_s + self.over_s) / self.over_s, 0.0, 1.0)
         return np.outer(come - gone, self.east_north_m)
+
+    def now(self, t_s: float) -> tuple[float, float]:
+        """Displacement, m, at one time."""
+        share = min(max((t_s - self.at_s) / self.over_s, 0.0), 1.0) - min(
+            max((t_s - self.ends_s + self.over_s) / self.over_s, 0.0), 1.0
+        )
+        return share * self.east_north_m[0], share * self.east_north_m[1]
 
 
 def drawn_steps(rng: np.random.Generator, duration_s: float) -> list[MultipathStep]:

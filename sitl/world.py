@@ -27,7 +27,7 @@ class Walker:
         self._seed = seed
         self._walk = Walk(person)
         self._scale = person.height_m / REST_HEIGHT_M
-        self._stride_m = person.stride * gait.stride_m(person.speed_m_s, person.height_m)
+        self._stride_m = person.stride * gait.stride_m(self._walk.usual_speed_m_s, person.height_m)
         # The scenario's places are those of the body's middle, not of the mesh's root.
         self._ahead_m = float(read_body().surface_centroid(gait.pose(0.0, 0.0, 0.0, seed))[0])
 
@@ -41,12 +41,13 @@ class Walker:
     def surface(self, t_s: float, started_s: float | None, scene_started_s: float | None = None) -> Vector:
         """(V, 3): the vertices of the posed body, ENU metres."""
         footing = self.footing(t_s, started_s, scene_started_s)
-        part = footing.speed_m_s / self.person.speed_m_s if self.person.speed_m_s > 0.0 else 0.0
+        usual = self._walk.usual_speed_m_s
+        part = min(1.0, footing.speed_m_s / usual) if usual > 0.0 else 0.0
         phase = (footing.way_m / self._stride_m) % 1.0 if self._stride_m > 0.0 else 0.0
         # A broad body's steps are stretched with it, so that its planted foot stays where it is.
         own = gait.pose(phase, part * self._stride_m / (self._scale * self.person.build), t_s, self._seed)
         own[:, 0] -= self._ahead_m
-        own *= [self._scale * self.person.build, self._scale * self.person.build, self._scale]
+        own *= [self._scale * self.person.build, self._scale * self.person.build, self._scale * footing.stature]
         s, c = math.sin(footing.heading_rad), math.cos(footing.heading_rad)
         placed = np.empty_like(own)
         placed[:, 0] = own[:, 0] * s - own[:, 1] * c + footing.east_m

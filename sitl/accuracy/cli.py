@@ -70,7 +70,8 @@ def register(app: typer.Typer) -> None:
             typer.Option(help="Folder of --closed-loop or --rendered, with flights.csv. Started again it goes on."),
         ] = Path("reports/accuracy"),
         noise: Annotated[
-            str, typer.Option(help="The autopilot of --closed-loop and --rendered: good or rough.")
+            str,
+            typer.Option(help="The autopilot: good, rough or wide (drawn anew for each flight)."),
         ] = "good",
         drone: Annotated[
             str, typer.Option(help="ardrone: fly the paper's rows on the simulated AR.Drone 2.0, in real time.")
@@ -89,7 +90,8 @@ def register(app: typer.Typer) -> None:
         walks: Annotated[
             str | None,
             typer.Option(
-                help="With --suite: people who walk like this, 4 to 25 m away: real-like, straight, random-walk:PSD, "
+                help="With --suite (4 to 25 m away) or --rendered: people who walk like this: "
+                "real-like, straight, random-walk:PSD (not rendered), "
                 "turns, stops, starts, weaving, giving-way, greeting, crouching, standing, calm, wandering, fast.",
                 show_default=False,
             ),
@@ -124,7 +126,7 @@ def register(app: typer.Typer) -> None:
         if rendered is not None:
             from sitl.rendered.command import run_rendered  # Panda3D takes half a second to load
 
-            run_rendered(console, rendered, seed, noise, scene, report / "rendered")
+            run_rendered(console, rendered, seed, noise, scene, report / "rendered", walks)
             return
         methods = _checked(method or [])
         rows = _rows(row or [])
@@ -191,8 +193,8 @@ def _rows(names: list[str]) -> tuple[Row, ...]:
 
 
 def _preset(noise: str) -> str:
-    if noise not in ("good", "rough"):
-        raise typer.BadParameter(f"{noise!r} is neither good nor rough", param_hint="--noise")
+    if noise not in ("good", "rough", "wide"):
+        raise typer.BadParameter(f"{noise!r} is none of good, rough, wide", param_hint="--noise")
     return noise
 
 

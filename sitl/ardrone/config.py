@@ -66,7 +66,7 @@ def config_of(scenario: Scenario) -> ArdroneConfig:
         video_port=0,
         control_port=0,
         seed=scenario.seed,
-        noise=autopilot.noise,
+        noise="rough" if autopilot.noise == "rough" else "good",
         home=scenario.home.origin,
         heading_rad=math.radians(scenario.vehicle.heading_deg),
         declination_rad=math.radians(ardrone.declination_deg),

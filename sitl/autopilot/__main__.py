@@ -10,6 +10,7 @@ from dataclasses import asdict, replace
 
 from sitl.aircraft_server import run_program
 from sitl.autopilot.config import AutopilotConfig
+from sitl.autopilot.estimate_errors import NOISE_NAMES
 from sitl.autopilot.server import AutopilotServer
 from sitl.truth import TruthRing
 
@@ -18,7 +19,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Fly until interrupted (or until standard input ends, with --control)."""
     parser = argparse.ArgumentParser(prog="python -m sitl.autopilot", description=__doc__)
     parser.add_argument("--flavour", choices=["px4", "ardupilot"], default="px4")
-    parser.add_argument("--noise", choices=["good", "rough", "none"], default="good")
+    parser.add_argument("--noise", choices=NOISE_NAMES, default="good")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--remote-port", type=int, default=14540, help="UDP port that it sends to (udpin there)")
     parser.add_argument("--operator-port", type=int, default=14550, help="UDP port that it listens on (udpout there)")

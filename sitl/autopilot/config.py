@@ -8,7 +8,7 @@ from typing import Literal
 
 from mission.records import GeodeticOrigin
 from sitl.autopilot.airframe import Wind
-from sitl.autopilot.estimate_errors import NoiseName
+from sitl.autopilot.estimate_errors import NoiseName, NoisePreset, preset_of
 
 FlavourName = Literal["px4", "ardupilot"]
 
@@ -48,6 +48,11 @@ class AutopilotConfig:
     def home_alt_amsl_m(self) -> float:
         """Altitude of the ground at home above mean sea level."""
         return self.home.alt_m - (self.geoid_separation_m if self.home.datum == "ellipsoid" else 0.0)
+
+    @property
+    def preset(self) -> NoisePreset:
+        """How its estimate errs."""
+        return preset_of(self.noise, self.seed)
 
     def to_json(self) -> str:
         """For the process that runs it."""

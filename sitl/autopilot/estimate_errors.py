@@ -9,14 +9,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from functools import lru_cache
+from typing import Literal, get_args
 
 import numpy as np
 
 from sitl.autopilot.rotation import Vec
 from sitl.gauss_markov import STILL, GaussMarkov, Wander
+from sitl.wide_family import (
+    CLAIM_RANGE,
+    COMPASS_OFF_RAD,
+    LEVEL_RANGE,
+    TIME_RANGE,
+    MultipathStep,
+    drawn_steps,
+    factor,
+)
 
-NoiseName = Literal["good", "rough", "none"]
+NoiseName = Literal["good", "rough", "none", "wide"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,11 +50,15 @@ class NoisePreset:
     """What GPS_RAW_INT reports: horizontal and vertical accuracy, m, and speed accuracy, m/s."""
     home_altitude_sigma_m: float = 0.0
     """PX4 only: how far its home altitude jumps in the first two minutes of a flight."""
+    compass_off_rad: float = 0.0
+    """Of the heading, besides what `heading_offset_rad` draws."""
+    steps: tuple[MultipathStep, ...] = ()
+    """Of the horizontal position."""
 
 
 _DEG = math.radians(1.0)
 
-PRESETS: dict[NoiseName, NoisePreset] = {
+PRESETS: dict[Literal["good", "rough", "none"], NoisePreset] = {
     "good": NoisePreset(
         horizontal=Wander(0.033, 1.0),
         vertical=Wander(0.030, 12.0, 1),
@@ -79,6 +93,47 @@ PRESETS: dict[NoiseName, NoisePreset] = {
     ),
     "none": NoisePreset(),
 }
+NOISE_NAMES: tuple[NoiseName, ...] = get_args(NoiseName)
+_LONGEST_S = 1200.0
+"""How long steps go on to come."""
+
+
+@lru_cache(maxsize=64)
+def preset_of(name: NoiseName, seed: int) -> NoisePreset:
+    """The errors of an autopilot; of a `wide` one they are drawn by the flight's seed."""
+    return drawn_preset(np.random.default_rng((seed, 11))) if name == "wide" else PRESETS[name]
+
+
+def drawn_preset(rng: np.random.Generator) -> NoisePreset:
+    """An autopilot that nobody was told about: levels and times about the middle of `good` and `rough`."""
+    good, rough = PRESETS["good"], PRESETS["rough"]
+
+    def level(one: float, other: float) -> float:
+        return math.sqrt(one * other) * factor(rng, LEVEL_RANGE)
+
+    def wander(one: Wander, other: Wander) -> Wander:
+        tau = math.sqrt(one.tau_s * other.tau_s) * factor(rng, TIME_RANGE)
+        return Wander(level(one.sigma, other.sigma), tau, 1 if rng.random() < 0.5 else 2)
+
+    claim = factor(rng, CLAIM_RANGE)
+    accuracy = [math.sqrt(a * b) * claim for a, b in zip(good.gnss_accuracy_m, rough.gnss_accuracy_m, strict=True)]
+    return NoisePreset(
+        horizontal=wander(good.horizontal, rough.horizontal),
+        vertical=wander(good.vertical, rough.vertical),
+        horizontal_velocity=wander(good.horizontal_velocity, rough.horizontal_velocity),
+        vertical_velocity=wander(good.vertical_velocity, rough.vertical_velocity),
+        roll=wander(good.roll, rough.roll),
+        pitch=wander(good.pitch, rough.pitch),
+        heading=wander(good.heading, rough.heading),
+        position_offset_m=level(good.position_offset_m, rough.position_offset_m),
+        height_offset_m=level(good.height_offset_m, rough.height_offset_m),
+        tilt_offset_rad=level(good.tilt_offset_rad, rough.tilt_offset_rad),
+        gnss_sigma_m=level(good.gnss_sigma_m, rough.gnss_sigma_m),
+        gnss_accuracy_m=(accuracy[0], accuracy[1], accuracy[2]),
+        home_altitude_sigma_m=float(rng.uniform(0.0, 2.0 * rough.home_altitude_sigma_m)),
+        compass_off_rad=float(rng.uniform(-COMPASS_OFF_RAD, COMPASS_OFF_RAD)),
+        steps=tuple(drawn_steps(rng, _LONGEST_S)),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +156,10 @@ class EstimateErrors:
         self._offset[0:2] = p.position_offset_m * rng.standard_normal(2)
         self._offset[2] = p.height_offset_m * rng.standard_normal()
         self._offset[6:8] = p.tilt_offset_rad * rng.standard_normal(2)
-        self._offset[8] = p.heading_offset_rad * rng.standard_normal()
+        self._offset[8] = p.heading_offset_rad * rng.standard_normal() + p.compass_off_rad
+        self._steps = p.steps
+        self._dt = dt
+        self._ticks = 0
         self._processes = GaussMarkov(
             (
                 *(p.horizontal, p.horizontal, p.vertical),
@@ -116,4 +174,10 @@ class EstimateErrors:
         """Advance by one step and return the errors."""
         self._processes.step()
         e, n, u, ve, vn, vu, roll, pitch, heading = (self._processes.values + self._offset).tolist()
+        now = self._ticks * self._dt
+        self._ticks += 1
+        for step in self._steps:
+            if step.at_s < now < step.ends_s:
+                east, north = step.now(now)
+                e, n = e + east, n + north
         return StateError((e, n, u), (ve, vn, vu), roll, pitch, heading)

@@ -10,7 +10,6 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.autopilot.commander import Commander
 from sitl.autopilot.config import AutopilotConfig
-from sitl.autopilot.estimate_errors import PRESETS
 from sitl.autopilot.flavour import FLAVOURS
 from sitl.autopilot.local_frame import LocalFrame
 from sitl.autopilot.navigator import Navigator
@@ -102,7 +101,7 @@ class FlightStack:
 
     def _measure(self) -> None:
         """The GNSS receiver's fix, and on PX4 a home altitude that follows it for the first two minutes in the air."""
-        preset = PRESETS[self.config.noise]
+        preset = self.config.preset
         if self.now >= self._gnss_at:
             self._gnss_at += _GNSS_PERIOD_S
             x, y, z = self.vehicle.airframe.position

@@ -8,7 +8,6 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from sitl.autopilot.estimate_errors import PRESETS
 from sitl.autopilot.flavour import Mode, base_mode
 from sitl.autopilot.flight_stack import FlightStack
 from sitl.autopilot.rotation import Vec, ned
@@ -102,8 +101,7 @@ def position_target_global_int(a: FlightStack) -> Any:
 def gps_raw_int(a: FlightStack) -> Any:
     """GPS_RAW_INT: the receiver's own noisy fix."""
     lat, lon, alt = a.place.geodetic(a.gnss_position)
-    preset = PRESETS[a.config.noise]
-    h, v, s = (round(accuracy * 1e3) for accuracy in preset.gnss_accuracy_m)
+    h, v, s = (round(accuracy * 1e3) for accuracy in a.config.preset.gnss_accuracy_m)
     north, east, _ = ned(a.vehicle.estimate.velocity)
     course = round(math.degrees(math.atan2(east, north)) * 100) % 36000
     fix = mavlink.GPS_FIX_TYPE_3D_FIX if a.flavour.name == "px4" else mavlink.GPS_FIX_TYPE_RTK_FIXED
@@ -179,7 +177,7 @@ def current_mode(a: FlightStack) -> Any:
 
 def estimator_status(a: FlightStack) -> Any:
     """ESTIMATOR_STATUS (PX4 only)."""
-    h, v, _ = PRESETS[a.config.noise].gnss_accuracy_m
+    h, v, _ = a.config.preset.gnss_accuracy_m
     flags = 1023 if a.commander.ready(a.now) else 0x1
     return mavlink.MAVLink_estimator_status_message(
         a.boot_ms * 1000, flags, *(0.03, 0.03, 0.02, 0.07, 0.0, _NAN), h / 3, v / 3

@@ -9,7 +9,7 @@ import numpy as np
 from mission.records import Vector
 from sitl.autopilot.airframe import GRAVITY_M_S2, Airframe
 from sitl.autopilot.config import AutopilotConfig
-from sitl.autopilot.estimate_errors import PRESETS, EstimateErrors, StateError
+from sitl.autopilot.estimate_errors import EstimateErrors, StateError
 from sitl.autopilot.flavour import Flavour
 from sitl.autopilot.flight_controller import Demand, EstimatedState, FlightController
 from sitl.autopilot.rotation import FLU_FROM_FRD, NED_FROM_ENU, Quat, Vec, from_euler, multiply, to_euler
@@ -24,7 +24,7 @@ class Vehicle:
 
     def __init__(self, config: AutopilotConfig, flavour: Flavour, dt: float, rng: np.random.Generator) -> None:
         self.dt = dt
-        self._errors = EstimateErrors(PRESETS[config.noise], dt, rng)
+        self._errors = EstimateErrors(config.preset, dt, rng)
         self._error: StateError = self._errors.step()
         self.airframe = Airframe(flavour.drag_n_s_m, config.wind, config.heading_rad, rng)
         bias = 0.0 if config.noise == "none" else _YAW_GYRO_BIAS_RAD_S * float(rng.standard_normal())

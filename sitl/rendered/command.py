@@ -11,16 +11,19 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mission.errors import AnswerError
-from sitl.autopilot.estimate_errors import PRESETS, NoiseName
+from sitl.autopilot.estimate_errors import NOISE_NAMES, NoiseName
 from sitl.rendered.campaign import TABLE, Campaign
 from sitl.rendered.case import SceneName, drawn_cases
 from sitl.rendered.outcome import Outcome
 from sitl.rendered.report import LOOKS, summarise, table, write_figure
+from sitl.scene import ScenarioWalk
 
 FIGURE = "flights.png"
 
 
-def run_rendered(console: Console, flights: int, seed: int, noise: str, scene: str, folder: Path) -> list[Outcome]:
+def run_rendered(
+    console: Console, flights: int, seed: int, noise: str, scene: str, folder: Path, walks: str | None = None
+) -> list[Outcome]:
     """Fly, or go on with, a number of rendered flights.
 
     Args:
@@ -29,6 +32,7 @@ def run_rendered(console: Console, flights: int, seed: int, noise: str, scene: s
         seed: of the draw.
         noise: the autopilot's preset.
         scene: what there is to see.
+        walks: how the people walk; straight at constant speed when None.
         folder: of the table, the sightings and the picture; a broken run goes on where it was.
 
     Raises:
@@ -36,7 +40,7 @@ def run_rendered(console: Console, flights: int, seed: int, noise: str, scene: s
         AnswerError: the folder cannot be used, or holds another run.
         VideoError: there is no software renderer or no H.264.
     """
-    cases = list(drawn_cases(flights, seed, _preset(noise), _scene(scene)))
+    cases = list(drawn_cases(flights, seed, _preset(noise), _scene(scene), walks=_walks(walks)))
     # Small pictures are not worth a second core, and its time would be counted twice.
     cv2.setNumThreads(1)
     campaign = Campaign(folder)
@@ -48,7 +52,7 @@ def run_rendered(console: Console, flights: int, seed: int, noise: str, scene: s
             progress.update(task, advance=1, description=_news(outcomes))
     flown = [o for o in campaign.outcomes if o.number < flights]
     summaries = [s for poses in LOOKS if (s := summarise(flown, poses)) is not None]
-    title = f"{flights} rendered flights, {noise} autopilot, {scene}, seed {seed}"
+    title = f"{flights} rendered flights, {noise} autopilot, {scene}, walks {walks or 'straight'}, seed {seed}"
     console.print(table(summaries, title))
     for outcome in flown:
         if not outcome.answered:
@@ -63,10 +67,20 @@ def run_rendered(console: Console, flights: int, seed: int, noise: str, scene: s
 
 
 def _preset(name: str) -> NoiseName:
-    for known in PRESETS:
+    for known in NOISE_NAMES:
         if name == known:
             return known
-    raise typer.BadParameter(f"{name!r} is none of {', '.join(PRESETS)}", param_hint="--noise")
+    raise typer.BadParameter(f"{name!r} is none of {', '.join(NOISE_NAMES)}", param_hint="--noise")
+
+
+def _walks(name: str | None) -> ScenarioWalk | None:
+    kinds: tuple[ScenarioWalk, ...] = get_args(ScenarioWalk)
+    for known in kinds:
+        if name == known:
+            return known
+    if name is None or name == "straight":
+        return None
+    raise typer.BadParameter(f"{name!r} is none of straight, {', '.join(kinds)}", param_hint="--walks")
 
 
 def _scene(name: str) -> SceneName:

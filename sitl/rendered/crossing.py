@@ -7,11 +7,9 @@ import math
 import numpy as np
 
 from mission.records import Vector
-from sitl.rendered.case import Case
+from sitl.rendered.case import WALKED_S, Case
 from sitl.scene import Clothes, Person
 
-WALKED_S = 1.5
-"""People walk for this long before the pattern begins, so that they do so evenly by then."""
 _RAMP_S = 0.3
 """What the first step costs of that (`sitl.walk`: a smooth start over 0.6 s)."""
 _WHEN = (0.25, 0.75)

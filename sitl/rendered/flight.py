@@ -15,7 +15,7 @@ from mission.drones.vehicle import VehicleState
 from mission.pattern import lateral_path
 from mission.pose import Pose
 from mission.records import Frame, GeodeticOrigin, NoiseModel, Vector
-from sitl.autopilot.estimate_errors import PRESETS
+from sitl.autopilot.estimate_errors import preset_of
 from sitl.autopilot.rotation import Vec
 from sitl.camera.airframe import body_from_camera
 from sitl.camera.renderer import CameraPose, Renderer, matrix_from_wxyz
@@ -133,5 +133,5 @@ def flights(cases: Iterable[Case]) -> Iterator[RenderedFlight]:
 def _told(case: Case) -> VehicleState:
     """What the mission has heard from the autopilot about the quality of its position."""
     state = VehicleState()
-    state.gps_accuracy_m = PRESETS[case.noise].gnss_accuracy_m[0]
+    state.gps_accuracy_m = preset_of(case.noise, case.seed).gnss_accuracy_m[0]
     return state

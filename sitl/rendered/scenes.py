@@ -8,11 +8,12 @@ import numpy as np
 
 from sitl.camera.mesh import Mesh, sun_direction
 from sitl.camera.rasterizer import Batch
-from sitl.rendered.case import Case
-from sitl.rendered.crossing import WALKED_S as WALKED_S
+from sitl.rendered.case import WALKED_S as WALKED_S
+from sitl.rendered.case import Case, drawn_person
 from sitl.rendered.crossing import crossing, walked
 from sitl.scenario import CameraSettings, Scenario, Vehicle, parse_scenario
 from sitl.scene import Light, Person
+from sitl.walk import Walk
 
 TAKE_OFF_HEIGHT_M = 1.6
 _LANES_M = (0.55, 1.1, 1.9)
@@ -111,13 +112,20 @@ def _target(case: Case, bearing_deg: float, facing_deg: float) -> Person:
     bearing = math.radians(bearing_deg)
     place = case.distance_m * np.array([math.sin(bearing), math.cos(bearing)])
     heading_deg = facing_deg
-    if case.walk_deg is not None:
+    if case.walks is not None:
+        heading_deg = (bearing_deg + (case.walk_deg or 0.0) + 180.0) % 360.0 - 180.0
+        walk = Walk(drawn_person(case, heading_deg))
+        begun, later = walk.at(0.0), walk.at(WALKED_S)
+        place -= [later.east_m - begun.east_m, later.north_m - begun.north_m]
+    elif case.walk_deg is not None:
         heading_deg = (bearing_deg + case.walk_deg + 180.0) % 360.0 - 180.0
         place -= walked(0.0, case.speed_m_s, math.radians(heading_deg))
     return Person(
         distance_m=float(np.hypot(*place)),
         bearing_deg=math.degrees(math.atan2(place[0], place[1])),
-        speed_m_s=0.0 if case.walk_deg is None else case.speed_m_s,
+        speed_m_s=0.0 if case.walk_deg is None or case.walks is not None else case.speed_m_s,
+        walks=case.walks,
+        walk_seed=case.seed % 2**31,
         walk_heading_deg=heading_deg,
         height_m=case.height_m,
         build=case.build,

@@ -88,3 +88,9 @@ def test_the_grid_is_four_walks_at_four_distances() -> None:
     assert sorted({scenario.people[0].distance_m for scenario in grid}) == [2.75, 5.5, 7.25, 9.0]
     assert sum(scenario.people[0].speed_m_s == 0.0 for scenario in grid) == 4
     assert {scenario.people[0].speed_m_s for scenario in grid} == {0.0, 0.6}
+
+
+def test_unknown_autopilots_are_of_mavlink_only() -> None:
+    assert parse_scenario('name = "a"\n[autopilot]\nnoise = "wide"').autopilot.noise == "wide"
+    with pytest.raises(SettingsError, match="wide"):
+        parse_scenario('name = "a"\n[autopilot]\nnoise = "wide"\n[vehicle]\nkind = "ardrone"')

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from mission.errors import SettingsError
 from sitl.scenario import Scenario, parse_scenario
 from sitl.walk import START_S, Walk
 from sitl.world import World
@@ -84,3 +85,27 @@ def test_people_are_as_tall_as_the_scenario_says() -> None:
         surface = World(one(f"height_m = {height}")).person_surface(0, 0.0, None)
         assert np.ptp(surface[:, 2]) == pytest.approx(height, rel=0.012)
         assert abs(surface[:, 2].min()) < 0.006
+
+
+def test_a_real_like_walk_is_neither_straight_nor_even_and_its_velocity_is_that_of_its_places() -> None:
+    walk = Walk(one('walks = "wandering"\nwalk_seed = 5').people[0])
+    t = np.arange(0.0, 12.0, 0.01)
+    footings = [walk.at(float(at_s)) for at_s in t]
+    places = np.array([[f.east_m, f.north_m] for f in footings])
+    velocities = np.array([f.velocity_enu_m_s[:2] for f in footings])
+    moved = np.cumsum(velocities, axis=0) * 0.01
+    assert np.abs(moved - (places - places[0])).max() < 0.05
+    assert np.ptp([f.speed_m_s for f in footings[100:]]) > 0.1
+    assert np.ptp([f.heading_rad for f in footings[100:]]) > 0.05
+    assert footings[0].speed_m_s == 0.0
+
+
+def test_who_crouches_is_lower() -> None:
+    world = World(one('walks = "crouching"\nwalk_seed = 2'))
+    ups = [float(world.person_centroid(0, t, 0.0)[2]) for t in np.arange(0.0, 120.0, 1.0)]
+    assert min(ups) < 0.8 * max(ups)
+
+
+def test_a_drawn_walk_and_turns_of_the_scenario_exclude_each_other() -> None:
+    with pytest.raises(SettingsError, match="walks draws speed"):
+        one('walks = "real-like"\nspeed_m_s = 1.0')

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from sitl.autopilot.config import AutopilotConfig, FlavourName
-from sitl.autopilot.estimate_errors import PRESETS, EstimateErrors, NoiseName
+from sitl.autopilot.estimate_errors import PRESETS, EstimateErrors, NoiseName, NoisePreset, preset_of
+from sitl.wide_family import MultipathStep
 from tests.sitl.autopilot.bench import Bench
 from tests.sitl.autopilot.recorded import Errors, drift, recorded_errors
 
@@ -21,7 +22,7 @@ def recorded(noise: NoiseName) -> Errors:
 
 def simulated(noise: NoiseName, seed: int, seconds: float = 18.0) -> Errors:
     dt = 0.02
-    errors = EstimateErrors(PRESETS[noise], dt, np.random.default_rng(seed))
+    errors = EstimateErrors(preset_of(noise, seed), dt, np.random.default_rng(seed))
     rows = [errors.step() for _ in range(round(seconds / dt))]
     return Errors(
         np.linspace(0.0, seconds - dt, len(rows)),
@@ -110,3 +111,29 @@ def test_what_is_reported_is_the_truth_with_these_errors_and_the_aircraft_flies_
     place = bench.autopilot.place.enu(told.lat / 1e7, told.lon / 1e7, told.alt / 1e3)
     error = np.array(place) - bench.autopilot.truth.position_enu_m
     assert 0.02 < np.linalg.norm(error) < 2.0
+
+
+def test_wide_autopilots_differ_from_flight_to_flight_and_from_both_presets() -> None:
+    drawn = [preset_of("wide", seed) for seed in range(200)]
+    assert drawn[3] == preset_of("wide", 3)
+    headings = np.array([p.heading.sigma for p in drawn])
+    assert headings.max() > 8.0 * headings.min()
+    times = np.array([p.horizontal.tau_s for p in drawn])
+    assert times.max() > 10.0 * times.min()
+    claims = np.array([p.gnss_accuracy_m[0] for p in drawn])
+    assert claims.min() < PRESETS["good"].gnss_accuracy_m[0]
+    assert claims.max() > PRESETS["rough"].gnss_accuracy_m[0]
+    off = np.degrees([p.compass_off_rad for p in drawn])
+    assert off.min() < -8.0
+    assert off.max() > 8.0
+
+
+def test_a_multipath_step_displaces_the_position_and_goes_again() -> None:
+    step = MultipathStep(at_s=1.0, over_s=0.5, lasts_s=2.0, east_north_m=(0.8, -0.6))
+    errors = EstimateErrors(NoisePreset(steps=(step,)), 0.1, np.random.default_rng(1))
+    east = [errors.step().position[0] for _ in range(60)]
+    assert east[5] == 0.0
+    assert east[12] == pytest.approx(0.32)
+    assert east[20] == pytest.approx(0.8)
+    assert east[45] == 0.0
+    assert step.at(np.linspace(0.0, 5.9, 60))[:, 0].tolist() == pytest.approx(east, abs=1e-9)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sitl.rendered.case import drawn_cases
-from sitl.rendered.crossing import WALKED_S, walked
+from sitl.rendered.case import WALKED_S, drawn_cases
+from sitl.rendered.crossing import walked
 from sitl.rendered.scenes import scenario
 from sitl.world import World
 
