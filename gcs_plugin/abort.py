@@ -15,9 +15,12 @@ class Abort:
         self.in_flight = False
 
     def install(self) -> None:
-        """Take over SIGINT and SIGTERM."""
+        """Take over SIGINT and SIGTERM, and SIGHUP (the terminal was closed) unless it is ignored, as under nohup."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
+        hangup = getattr(signal, "SIGHUP", None)  # Windows has none
+        if hangup is not None and signal.getsignal(hangup) is not signal.SIG_IGN:
+            signal.signal(hangup, self._on_signal)
 
     def asked(self) -> bool:
         """Whether the operator wants an end."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
+import re
 import threading
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 from mission.errors import AnswerError
 
@@ -40,6 +42,30 @@ def make_folder(folder: Path) -> None:
     make_folder(folder.parent)
     folder.mkdir(exist_ok=True)
     sync(folder.parent)
+
+
+_DRAFT: Final = re.compile(r"\..+\.(\d+)(?:-\d+)?\.new")
+
+
+def clean_drafts(folder: Path) -> None:
+    """Remove the drafts of `write_whole` and its like that programs left behind which were killed while they wrote."""
+    for path in folder.glob(".*.new"):
+        found = _DRAFT.fullmatch(path.name)
+        if found is not None and not _runs(int(found[1])):
+            with contextlib.suppress(OSError):  # it does no harm
+                path.unlink()
+
+
+def _runs(process: int) -> bool:
+    if os.name == "nt":
+        return True  # there, asking with signal 0 would end it
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from gcs_plugin import geopackage
-from gcs_plugin.durable import make_folder
+from gcs_plugin.durable import clean_drafts, make_folder
 from gcs_plugin.geotag import COLUMNS, Geotag, Provenance, make_geotag, row
 from gcs_plugin.geotag_row import geotag_of_row
 from gcs_plugin.geotag_spool import GeotagSpool
@@ -78,6 +78,7 @@ class GeotagLog:
         Raises:
             AnswerError: it cannot be written, or does not take a geotag.
         """
+        clean_drafts(self.path.parent)
         with _named(self.path), self._transaction(self.path) as connection:
             self._highest = max(self._highest, _highest(connection))
             self._try(connection)

@@ -21,6 +21,7 @@ from gcs_plugin.flight_folder import FlightFolder
 from gcs_plugin.geotags import GeotagLog
 from gcs_plugin.locating import Equipment, Locating, known_camera, open_camera
 from gcs_plugin.progress import Progress
+from gcs_plugin.terminal import lasting_console
 from mission.addresses import shown_address
 from mission.detect import make_detector
 from mission.drones.ardrone.url import is_ardrone
@@ -60,7 +61,7 @@ def register(app: typer.Typer) -> None:
         chosen = _with_options(read_settings(settings), link, video and given_address(video), camera)
         choice = TargetChoice(_box(box), _point(point))
         check_before_connecting(chosen, choice, take_off)
-        _run(chosen, choice, take_off, land, Console(highlight=False))
+        _run(chosen, choice, take_off, land, lasting_console())
 
 
 def check_before_connecting(settings: MissionSettings, choice: TargetChoice, take_off_m: float | None) -> None:

@@ -16,6 +16,7 @@ from gcs_plugin.cli.address import HELP, given_address
 from gcs_plugin.component.parameter_table import table_lines
 from gcs_plugin.serve.fleet import Fleet, VehicleOptions, vehicles
 from gcs_plugin.serve.vehicle import VehicleService
+from gcs_plugin.terminal import lasting_console
 
 
 def register(app: typer.Typer) -> None:
@@ -43,7 +44,7 @@ def register(app: typer.Typer) -> None:
         found = vehicles(settings or [], link or [], system or [], videos, camera or [], folder)
         abort = Abort()
         abort.install()
-        console = Console(highlight=False)
+        console = lasting_console()
         try:
             if len(found) == 1:
                 _serve(found[0], abort, console)

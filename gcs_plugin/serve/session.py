@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final, Protocol, TypeVar
@@ -28,6 +28,7 @@ from gcs_plugin.publish import Link
 from gcs_plugin.push_back import WORDS, PushBack, What
 from gcs_plugin.serve.follow import Choose, Following, next_candidate
 from gcs_plugin.serve.report import Report
+from gcs_plugin.serve.workers import in_the_background
 from mission.camera import Camera
 from mission.detect import Detector, choose
 from mission.drones.drone import Drone
@@ -86,7 +87,6 @@ class Session:
         self._drone = drone
         self._link = link
         self._component = component
-        self._workers = ThreadPoolExecutor(max_workers=4, thread_name_prefix="sidestep-serve")
         self._view: tuple[VideoSource, Camera] | None = None
         self._target: Seen | None = None
         self._geotag: Geotag | None = None
@@ -108,15 +108,16 @@ class Session:
                     self._close_video()
         finally:
             self._close_video()
-            self._workers.shutdown(wait=False, cancel_futures=True)
 
     def _look_after_the_link(self) -> None:
         self._drone.keep_alive()
         for event in self._drone.events():
             if event.kind == "pilot-process-lost":
                 raise LinkError(event.text, "Connecting again.")
-            if event.kind in ("link-lost", "link-back"):
+            if event.kind in ("link-lost", "link-back", "slow-link"):
                 self._say(f"{event.kind}: {event.text}")
+            if event.kind == "slow-link":
+                self._component.say(event.text)
 
     def _carry_out(self, order: Order) -> None:
         """Do it, and whatever comes of it be ready for the next one."""
@@ -153,8 +154,10 @@ class Session:
 
     def _locate(self, order: Locate) -> None:
         settings, crew = self._component.settings, self._crew
-        self._meanwhile(crew.log.prepare)  # a log that takes no geotag is found before the flight
+        self._component.say("order taken" if self._view else "order taken, opening the video")
+        prepared = in_the_background(crew.log.prepare)
         video, camera = self._open_video()
+        self._await(prepared)  # a log that takes no geotag is found before the flight
         choice = self._choice(order.mark, camera)
         with FlightFolder(settings.answer.folder, crew.times.utc()) as folder, Progress(crew.console) as progress:
             progress.say(f"ordered to locate {choice}")
@@ -229,7 +232,7 @@ class Session:
     def _open_video(self) -> tuple[VideoSource, Camera]:
         if self._view is not None:
             return self._view
-        opening = self._workers.submit(self._crew.open_camera, self._component.settings, self._say)
+        opening = in_the_background(partial(self._crew.open_camera, self._component.settings, self._say))
         while not opening.done():
             self._component.step(BUSY_WAIT_S)
             self._drone.keep_alive()
@@ -250,7 +253,9 @@ class Session:
 
     def _meanwhile(self, work: Callable[[], Result]) -> Result:
         """Do something long in another thread while the stations are served here."""
-        future = self._workers.submit(work)
+        return self._await(in_the_background(work))
+
+    def _await(self, future: Future[Result]) -> Result:
         while not future.done():
             self._component.step(BUSY_WAIT_S)
         return future.result()

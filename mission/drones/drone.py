@@ -102,6 +102,7 @@ EventKind = Literal[
     "deadman",  # the pilot process stopped the aircraft because we were silent
     "link-lost",
     "link-back",
+    "slow-link",
     "pilot-process-lost",
     "refused",
     "caution",  # what the operator may not expect: of the autopilot before a flight, of others on the link in it

@@ -15,7 +15,7 @@ import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.clock import ClockMap
-from mission.drones.drone import Bounds, Capabilities, Telemetry
+from mission.drones.drone import Bounds, Capabilities, DroneEvent, Telemetry
 from mission.drones.gimbal_signs import GIMBAL_MESSAGES, GimbalSigns
 from mission.drones.limits import FlightSettings
 from mission.drones.link import MavlinkLink
@@ -188,6 +188,12 @@ class MavlinkDrone(PilotedDrone):
         super().keep_alive()
         if self._rates is not None:
             self._rates.keep(self._clock())
+
+    def events(self) -> list[DroneEvent]:
+        """See `Drone.events`; also, once, what telemetry the link does not give."""
+        events = super().events()
+        text = "" if self._rates is None else self._rates.shortfall()
+        return [*events, DroneEvent(self._clock(), "slow-link", text)] if text else events
 
     def pose_at(self, t_s: float) -> Pose | None:
         """Pose at a program time; None across gaps of more than 0.3 s, beyond the newest message, or before the origin.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -32,6 +33,7 @@ from mission.drones.pilot_protocol import (
 from mission.errors import LinkError
 
 _KEEP_ALIVE_S = 0.05
+_LOG_BYTES = 4 * 2**20
 _ANSWERS_S = 30.0
 """To start, to learn what the autopilot guards and to close its connections again, on a machine that is busy."""
 _FINAL = (OrderState.DONE, OrderState.REFUSED, OrderState.ENDED)
@@ -244,6 +246,8 @@ def _start(module: str, config: BaseModel, log: FilePath | None) -> subprocess.P
     root = str(FilePath(mission.__file__).parents[1])
     path = os.pathsep.join(p for p in (root, os.environ.get("PYTHONPATH", "")) if p)
     command = [sys.executable, "-m", module, config.model_dump_json()]
+    if log is not None:
+        _rotate(log)
     errors: IO[bytes] | int = subprocess.DEVNULL if log is None else log.open("ab")
     try:
         return subprocess.Popen(
@@ -258,6 +262,13 @@ def _start(module: str, config: BaseModel, log: FilePath | None) -> subprocess.P
     finally:
         if not isinstance(errors, int):
             errors.close()
+
+
+def _rotate(log: FilePath) -> None:
+    """Put a log aside that has grown large, in the place of the one that was put aside before."""
+    with contextlib.suppress(OSError):  # then it grows on
+        if log.stat().st_size > _LOG_BYTES:
+            log.replace(log.with_name(f"{log.name}.1"))
 
 
 def _pipe(pipe: IO[bytes] | None) -> IO[bytes]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs_plugin.durable import LineFile, make_folder, write_whole
+from gcs_plugin.durable import LineFile, clean_drafts, make_folder, write_whole
 from mission.errors import AnswerError
 
 LIMITED = """
@@ -121,3 +122,14 @@ def test_folders_are_made_with_those_above(tmp_path: Path) -> None:
     make_folder(tmp_path / "a" / "b" / "c")
     make_folder(tmp_path / "a" / "b" / "c")
     assert (tmp_path / "a" / "b" / "c").is_dir()
+
+
+def test_drafts_of_programs_that_are_gone_are_removed_and_no_others(tmp_path: Path) -> None:
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    left = [f".answer.json.{gone.pid}-123.new", f".signatures.json.{gone.pid}.new"]
+    kept = [f".answer.json.{os.getpid()}-123.new", "notes.new", ".mine.new", f".a.{10**30}.old"]
+    for name in (*left, *kept):
+        (tmp_path / name).write_bytes(b"x")
+    clean_drafts(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == set(kept)
