@@ -63,6 +63,9 @@ class Ended:
         return not self.steps or time.monotonic() > self.deadline
 
 
+ADDRESS = "rtsp://pilot:s3cr3t@camera/live?token=s3cr3t"
+
+
 class Service(Bench):
     """A session, with a station that gives orders at chosen times of the flight."""
 
@@ -70,7 +73,7 @@ class Service(Bench):
         answer = AnswerSettings(folder=folder, roi="on-request", waypoint="never")
         settings = MissionSettings(
             answer=answer,
-            video=VideoSettings(check_offset=False),
+            video=VideoSettings(url=ADDRESS, check_offset=False),
             authority=AuthoritySettings(flights_per_minute=60.0),
         )
         super().__init__(settings)
@@ -92,6 +95,7 @@ class Service(Bench):
         self.log = folder / "geotags.gpkg"
         self.end = Ended()
         self.opened = 0
+        self.said_before_opening = ""
         self.printed = StringIO()
         self.no_video: VideoError | None = None
         self.crew = Crew(
@@ -129,6 +133,7 @@ class Service(Bench):
 
     def _open(self, settings: MissionSettings, warn: Callable[[str], None]) -> tuple[VideoSource, Camera]:
         self.opened += 1
+        self.said_before_opening = "".join(m.text for m in self.wire.sent if m.get_type() == "STATUSTEXT")
         if self.no_video is not None:
             raise self.no_video
         return self.video, CAMERA
@@ -263,3 +268,25 @@ def test_a_pilot_process_that_is_gone_is_an_end_of_the_session(service: Service)
     service.drone.seize("pilot-process-lost", "the pilot process is gone")
     with pytest.raises(LinkError, match="the pilot process is gone"):
         service.serve(lambda: False)
+
+
+def test_the_order_is_confirmed_in_words_before_the_video_is_opened(service: Service) -> None:
+    service.command(USER_1)
+    service.serve(lambda: service.final() == [(USER_1, ACCEPTED)])
+    assert "order taken, opening the video" in service.said_before_opening
+
+
+def test_the_videos_password_is_in_no_file_message_or_line_of_a_flight(service: Service, tmp_path: Path) -> None:
+    service.command(USER_1)
+    service.serve(lambda: service.final() == [(USER_1, ACCEPTED)])
+    service.no_video = VideoError(f"No video arrives at {ADDRESS}", f"Look at {ADDRESS}.")
+    service.now += 60.0
+    service.command(USER_1, 0.1, 0.1, 0.9, 0.9)
+    service.serve(lambda: len(service.final()) == 2)
+    files = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert {"geotags.gpkg", "answer.json"} <= {path.name for path in files}
+    assert [path for path in files if b"s3cr3t" in path.read_bytes()] == []
+    assert not any(b"s3cr3t" in bytes(message.get_msgbuf()) for message in service.wire.sent)
+    assert "s3cr3t" not in service.printed.getvalue()
+    (geotag,) = read_geotags(service.log)
+    assert geotag.provenance.video == "rtsp://***@camera/live?***"
