@@ -15,6 +15,8 @@ _TIMESTAMPNS: Final = 35
 _TIMESPEC: Final = struct.Struct("@ll")
 _WAIT_S: Final = 0.1
 _REST_S: Final = 0.04
+_CROWD: Final = 100
+"""A rest is cut short so that no more gather in it: in a flood the socket's buffer is soon full."""
 _OLDEST_S: Final = 0.5
 """An older time is none: the computer's clock was set meanwhile."""
 _MOST: Final = 65535
@@ -34,6 +36,8 @@ class Datagrams:
         self._socket = sock
         self._clock = clock
         self._stamped = False
+        self._gathered = 0
+        self._empty_s = clock()
         sock.setblocking(True)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _TIMESPEC.pack(0, int(_WAIT_S * 1e6)))
         if sys.platform == "linux":
@@ -54,9 +58,13 @@ class Datagrams:
         try:
             flags = socket.MSG_DONTWAIT if at_leisure else 0
             data, ancillary, _, peer = self._socket.recvmsg(_MOST, 64, flags)
+            self._gathered += 1
         except BlockingIOError:
+            now_s = self._clock()
+            rate_hz = self._gathered / max(now_s - self._empty_s, 1e-3)
+            self._gathered, self._empty_s = 0, now_s
             if at_leisure:
-                time.sleep(_REST_S)  # lets some gather
+                time.sleep(min(_REST_S, _CROWD / max(rate_hz, 1.0)))  # lets some gather
             return None
         age_s = 0.0
         for level, kind, content in ancillary:

@@ -53,3 +53,19 @@ def test_a_time_from_before_the_clock_was_set_is_not_believed(monkeypatch: pytes
         found = datagrams.receive()
         assert found is not None
         assert found[2] == 7.0
+
+
+def test_a_rest_is_short_in_a_flood_and_long_again_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    rests_s: list[float] = []
+    monkeypatch.setattr("mission.drones.datagrams.time.sleep", rests_s.append)
+    now_s = [50.0]
+    with loopback_socket() as near, loopback_socket() as far:
+        datagrams = Datagrams(near, lambda: now_s[0])
+        for count in (0, 12, 200, 200, 0):
+            for _ in range(count):
+                far.sendto(b"x", near.getsockname())
+            now_s[0] += 0.04
+            while datagrams.receive(at_leisure=True) is not None:
+                pass
+    assert rests_s[0] == rests_s[1] == rests_s[4] == 0.04
+    assert rests_s[2] == rests_s[3] == pytest.approx(0.02)  # in which 100 gather
