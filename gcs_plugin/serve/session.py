@@ -44,6 +44,8 @@ Result = TypeVar("Result")
 
 IDLE_WAIT_S: Final = 0.1
 BUSY_WAIT_S: Final = 0.05
+LAST_PATIENCE_S: Final = 3.0
+"""For what is being written when the program is to end: MAVProxy gives it four seconds."""
 FRESH_S: Final = 2.0
 """A target that was tracked this recently is still the one that is meant."""
 
@@ -177,8 +179,9 @@ class Session:
         """The last answer to the autopilot, as region of interest and waypoint."""
         push_back = PushBack(self._link, self._component.settings.answer)
         wanted: list[tuple[What, bool]] = [("roi", order.roi), ("waypoint", order.waypoint)]
-        for what in (name for name, asked in wanted if asked):
-            said = self._meanwhile(partial(push_back.requested, what, self._geotag))
+        for what in (name for name, is_asked in wanted if is_asked):
+            asked = partial(push_back.requested, what, self._geotag)
+            said = self._await(in_the_background(asked), patience_s=0.0)  # half a plan changes nothing
             self._say(f"{WORDS[what]}: {said}")
             self._component.say(f"{WORDS[what]} {said}")
 
@@ -255,9 +258,15 @@ class Session:
         """Do something long in another thread while the stations are served here."""
         return self._await(in_the_background(work))
 
-    def _await(self, future: Future[Result]) -> Result:
+    def _await(self, future: Future[Result], patience_s: float = LAST_PATIENCE_S) -> Result:
+        """Serve the stations until it is done; when the program is to end, only so much longer."""
+        asked_s: float | None = None
         while not future.done():
             self._component.step(BUSY_WAIT_S)
+            if asked_s is None and self._crew.abort.asked():
+                asked_s = self._crew.times.clock()
+            if asked_s is not None and self._crew.times.clock() - asked_s >= patience_s:
+                raise FlightEnded("the program ends")
         return future.result()
 
     def _say(self, text: str) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from io import StringIO
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -290,3 +291,22 @@ def test_the_videos_password_is_in_no_file_message_or_line_of_a_flight(service: 
     assert "s3cr3t" not in service.printed.getvalue()
     (geotag,) = read_geotags(service.log)
     assert geotag.provenance.video == "rtsp://***@camera/live?***"
+
+
+def test_an_autopilot_that_does_not_answer_does_not_hold_up_the_programs_end(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits, over = Event(), Event()
+
+    def command_int(*_: object, **__: object) -> int:
+        waits.set()
+        over.wait(60.0)
+        return ACCEPTED
+
+    monkeypatch.setattr(service.wire, "command_int", command_int)
+    service.command(USER_1)
+    try:
+        service.serve(waits.is_set, service.then((USER_1, ACCEPTED), 1.0, command=USER_4))
+        assert not over.is_set()
+    finally:
+        over.set()
