@@ -75,7 +75,10 @@ def from_json(content: bytes) -> Geotag:
     Raises:
         ValueError: it is none.
     """
-    cells = json.loads(content)
+    try:
+        cells = json.loads(content)
+    except RecursionError as error:
+        raise ValueError("brackets within thousands of brackets") from error
     if not isinstance(cells, dict):
         raise ValueError("it is no row")
     try:
@@ -96,9 +99,15 @@ def _number(cells: Mapping[str, object], name: str, *, or_none: bool = False) ->
     cell = cells.get(name)
     if cell is None and or_none:
         return None
-    if isinstance(cell, bool) or not isinstance(cell, int | float) or not math.isfinite(cell):
+    if isinstance(cell, bool) or not isinstance(cell, int | float):
         raise ValueError(f"{name} is no number")
-    return float(cell)
+    try:
+        number = float(cell)
+    except OverflowError as error:  # hundreds of digits
+        raise ValueError(f"{name} is no number") from error
+    if not math.isfinite(number):
+        raise ValueError(f"{name} is no number")
+    return number
 
 
 def _sure(cells: Mapping[str, object], name: str) -> float:
@@ -110,7 +119,7 @@ def _sure(cells: Mapping[str, object], name: str) -> float:
 
 def _whole(cells: Mapping[str, object], name: str) -> int:
     cell = cells.get(name)
-    if isinstance(cell, bool) or not isinstance(cell, int):
+    if isinstance(cell, bool) or not isinstance(cell, int) or not -(2**63) <= cell < 2**63:
         raise ValueError(f"{name} is no whole number")
     return cell
 

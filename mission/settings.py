@@ -289,6 +289,10 @@ def read_settings(path: FilePath | None) -> MissionSettings:
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SettingsError(f"{path} is not TOML: {error}", "Correct the file at that place.") from error
+    except (ValueError, RecursionError) as error:
+        raise SettingsError(
+            f"{path} has a number of thousands of digits, or brackets within thousands of brackets", "Correct the file."
+        ) from error
     try:
         settings = MissionSettings.model_validate(content)
     except ValidationError as error:

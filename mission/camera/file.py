@@ -101,6 +101,11 @@ def read_camera(path: Path | str) -> Camera:
         raise CalibrationInputError(
             f"The camera file {path} is wrong: {_problems(error)}", "Correct the fields named."
         ) from None
+    except (ValueError, RecursionError):
+        raise CalibrationInputError(
+            f"The camera file {path} has a number of thousands of digits, or brackets within thousands of brackets",
+            remedy,
+        ) from None
     return _camera(content, path)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 
@@ -119,3 +120,17 @@ def test_a_videos_password_is_in_no_geotag_nor_in_one_that_an_older_version_kept
     old = to_json(tag).replace(b"rtsp://***@camera/live?***", b"rtsp://pilot:s3cr3t@camera/live")
     assert b"s3cr3t" in old
     assert b"s3cr3t" not in to_json(from_json(old))
+
+
+@pytest.mark.parametrize("digits", [400, 5000])
+@pytest.mark.parametrize("cell", ["lat_deg", "depth_m", "sightings", "chi2", "number"])
+def test_a_number_of_hundreds_of_digits_is_no_number(cell: str, digits: int) -> None:
+    absurd = re.sub(rf'("{cell}": )[^,]+'.encode(), rb"\g<1>1" + digits * b"0", to_json(geotag()))
+    assert digits * b"0" in absurd
+    with pytest.raises(ValueError, match=r"number|digits"):
+        from_json(absurd)
+
+
+def test_brackets_without_end_are_no_geotag() -> None:
+    with pytest.raises(ValueError, match="brackets"):
+        from_json(b"[" * 200_000)

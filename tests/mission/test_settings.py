@@ -145,3 +145,10 @@ def test_a_name_that_no_setting_has_is_answered_with_the_nearest(tmp_path: Path,
     with pytest.raises(SettingsError) as caught:
         read_settings(written(tmp_path, text))
     assert (f"{caught.value};").replace(". `", "; `").count(meant) == 1
+
+
+@pytest.mark.parametrize("number", ["1" + 400 * "0", "-1" + 5000 * "0", "[" * 100_000, "1e400", "nan"])
+def test_an_absurd_number_is_told(tmp_path: Path, number: str) -> None:
+    with pytest.raises(SettingsError) as caught:
+        read_settings(written(tmp_path, f"[pattern]\nlength_m = {number}\n"))
+    assert len(str(caught.value)) < 500

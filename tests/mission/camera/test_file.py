@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mission.camera import Camera, CameraModel, Mounting, read_camera, write_camera
-from mission.errors import CalibrationError
+from mission.errors import CalibrationError, CalibrationInputError
 from mission.records import CameraIntrinsics, NoiseModel
 
 LENS = CameraIntrinsics(640, 480, 516.5, 517.25, 318.0, 243.5, (-0.1, 0.02, 1e-4, -2e-5, 0.0))
@@ -139,3 +139,10 @@ def test_the_smallest_of_all_numbers_as_a_distortion_is_none(tmp_path: Path) -> 
     text = GOOD.replace("cy = 240.0", "cy = 240.0\ndistortion = [5e-324, 5e-324, 0, 0, 5e-324]")
     model = CameraModel(read_camera(written(tmp_path, text)).intrinsics)
     assert model.max_radius == math.inf
+
+
+@pytest.mark.parametrize("number", ["1" + 400 * "0", "1" + 5000 * "0", "[" * 100_000])
+def test_an_absurd_number_is_told(tmp_path: Path, number: str) -> None:
+    (tmp_path / "camera.toml").write_text(f"version = {number}\n", "utf-8")
+    with pytest.raises(CalibrationInputError, match=r"camera\.toml"):
+        read_camera(tmp_path / "camera.toml")
