@@ -17,10 +17,13 @@ from mission.drones.loopback import loopback_socket
 SERVE = [sys.executable, "-m", "gcs_plugin", "serve"]
 
 
-def test_text_is_written_at_once_and_what_the_encoding_lacks_is_a_question_mark(tmp_path: Path) -> None:
+def test_text_is_written_and_what_the_encoding_lacks_is_a_question_mark(tmp_path: Path) -> None:
     with (tmp_path / "out").open("wb") as file:
-        LastingOutput(file.fileno(), "ascii").write("5 m ±1\n")
-        assert (tmp_path / "out").read_bytes() == b"5 m ?1\n"
+        output = LastingOutput(file.fileno(), "ascii")
+        output.write("5 m ±1\n")
+        output.write("6 m\n")
+        assert output.drain(10.0)
+        assert (tmp_path / "out").read_bytes() == b"5 m ?1\n6 m\n"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a full disk to try on")
@@ -28,6 +31,7 @@ def test_a_full_disk_costs_the_text_alone() -> None:
     with Path("/dev/full").open("wb") as file:
         output = LastingOutput(file.fileno())
         assert output.write("lost") == 4
+        assert output.drain(10.0)
         assert output.lost == 4
 
 
@@ -36,9 +40,34 @@ def test_a_closed_pipe_costs_the_text_alone() -> None:
     os.close(reader)
     output = LastingOutput(writer)
     output.write("lost")
+    assert output.drain(10.0)
     os.close(writer)
-    output.write("lost")
-    assert output.lost == 8
+    assert output.lost == 4
+
+
+def test_a_pipe_that_nobody_reads_holds_up_nothing() -> None:
+    reader, writer = os.pipe()
+    output = LastingOutput(writer)
+    began_s = time.monotonic()
+    for _ in range(3000):
+        output.write("a line of the flight's progress" * 20 + "\n")
+    assert time.monotonic() - began_s < 10.0
+    assert output.lost > 0
+    assert not output.drain(0.1)
+    os.close(reader)  # the writer gives up what it holds
+    assert output.drain(10.0)
+    os.close(writer)
+
+
+PRINTING = """
+from gcs_plugin.terminal import lasting_console
+lasting_console().print("the last word")
+"""
+
+
+def test_what_was_said_last_is_there_at_the_end_of_the_program() -> None:
+    done = subprocess.run([sys.executable, "-c", PRINTING], check=True, capture_output=True, text=True, timeout=60.0)
+    assert done.stdout == "the last word\n"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a full disk to try on")
