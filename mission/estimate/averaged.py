@@ -31,7 +31,7 @@ _WIDE = 9.0
 _UNLIKELY = 7.0
 """The same of a hypothesis."""
 _INTENSITIES_TRIED = 7
-"""The first hypotheses, of which every other one finds where the evidence is at all."""
+"""The first hypotheses, of which every other one, with a change of posture, finds where the evidence is at all."""
 _REFINEMENTS = 7
 _NEGLIGIBLE = 1e-5
 _TRIED, _TRIED_AGAIN = np.log([0.45, 0.67, 1.0, 1.5, 2.25, 3.4]), np.log([0.8, 1.0, 1.25])
@@ -82,8 +82,10 @@ def averaged(model: MarginalModel, priors: Sequence[Sequence[SizePrior]]) -> tup
     whole = ranges
     wide = variants(priors[0])
     everything = np.arange(len(model.hypotheses))
-    found = _resolved(model, whole, Factors(), everything[:_INTENSITIES_TRIED:2], wide)
-    factors, poses = _noise(model, found.lines, found.evidence, everything[:_INTENSITIES_TRIED:2])
+    changing = [place for place, hypothesis in enumerate(model.hypotheses) if hypothesis.posture]
+    first = np.array([*everything[:_INTENSITIES_TRIED:2], *changing])
+    found = _resolved(model, whole, Factors(), first, wide)
+    factors, poses = _noise(model, found.lines, found.evidence, first)
     # Other noise makes another width, so the search begins again, somewhat around what was found.
     usual = replace(factors, pose=poses[1][0])
     low, high = found.limits

@@ -36,6 +36,8 @@ _NOISIER: Final = (1.5, 3.0, 6.0)
 _MOST_RIGHT: Final = 0.8
 _NOTHING_ELSE: Final = 0.95
 """Probability of wandering at which it may stand for a camera that is turned round."""
+_POSTURE: Final = 0.2
+"""Probability of a change of posture from which on the apparent heights are not used."""
 _MISSTATED: Final = 1.6
 """A factor of the stated noise beyond this, or one over it, is told."""
 _CONTRADICTED: Final = 0.1
@@ -92,6 +94,11 @@ def estimate_together(flights: Sequence[FlightSightings]) -> Estimate:
             asked_s = last.sightings[0].t_s - seen.start_s
             model = MarginalModel(kept, flight.noise, flight.prior, asked_s)
             own, *with_class = averaged(model, _heights(flight.prior, sized=bool(kept.size_scale.any())))
+            upright = own.motions.get("posture", 0.0) < _POSTURE
+            if not upright:  # then the heights tell neither how far away the target is nor that it comes or goes
+                unsized = kept.only(np.ones(len(kept.t_s), dtype=bool), np.zeros(len(kept.t_s), dtype=bool))
+                model = MarginalModel(unsized, flight.noise, flight.prior, asked_s)
+                own, *with_class = averaged(model, [(SizePrior.unknown(),)])
     except (NotPositiveDefinite, np.linalg.LinAlgError, FloatingPointError):
         raise EstimateRefused(
             "The sightings do not determine a position", "Fly further sideways, and keep the target in view."
@@ -134,7 +141,11 @@ def estimate_together(flights: Sequence[FlightSightings]) -> Estimate:
         rejected=len(flight.sightings) - len(kept.t_s),
         chi2=chi2,
         dof=freedom,
-        notes=(*_notes(found, relative, flight.prior), *_class_note(own, with_class, flight.prior)),
+        notes=(
+            *_notes(found, relative, flight.prior),
+            *_class_note(own, with_class, flight.prior),
+            *(() if upright else ("the apparent height changes as by crouching or getting up: it is not used",)),
+        ),
     )
 
 

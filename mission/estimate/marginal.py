@@ -25,13 +25,13 @@ from scipy.linalg import lapack
 from mission.estimate.camera_path import smoothed_path
 from mission.estimate.kernels import exponential, integrated_random_walk
 from mission.estimate.knots import Knots, knots
-from mission.estimate.motion_hypotheses import SPEEDS, Hypothesis, motion_hypotheses
+from mission.estimate.motion_hypotheses import SPEEDS, Hypothesis, motion_hypotheses, posture_modes
 from mission.estimate.observations import LEAST_GROUND_SIGMA_M, Observations
 from mission.estimate.range_model import COLUMNS, HEADING, RISE, SIZE, SPEED, TILT, Linearised, RangeModel
 from mission.estimate.size_prior import SizePrior
 from mission.records import Matrix, NoiseModel, TargetPrior, Vector
 
-_MODES = 8
+_MODES = 10
 _MOST_MODES = 18
 _MODE_S = 0.6
 """One mode for each of this many seconds, ten at least."""
@@ -140,9 +140,8 @@ class MarginalModel:
         self.knots: Knots = knots(seen, t)
         self.camera_m, path = smoothed_path(t, seen.camera_m, noise, self.knots)
         self.hypotheses: tuple[Hypothesis, ...] = motion_hypotheses(t, self.knots.bearing, prior)
-        postures = [h.posture for h in self.hypotheses if h.posture is not None]
-        shares = np.array(postures).reshape(len(postures), len(t))
-        self.geometry = RangeModel(seen, self.knots, self.camera_m, shares, t, self.first)
+        self._postures = posture_modes(t)
+        self.geometry = RangeModel(seen, self.knots, self.camera_m, self._postures, t, self.first)
         self.end_s = float(t[-1])
         keep = np.ones((len(self.knots.t_s), 3), dtype=bool)
         keep[:, 2] = self.knots.sized
@@ -220,38 +219,29 @@ class MarginalModel:
     def _integrated(
         self, lines: Linearised, gram: Matrix, log_det: Vector, factors: Factors, wanted: NDArray[np.intp]
     ) -> Evidence:
-        modes, postures = self._modes.shape[1], lines.by_posture.shape[2]
-        rest = 2 * modes + postures  # where the design begins
-        ranges = len(lines.ranges_m)
-        loaded = np.empty((ranges, len(wanted), 2 * modes + 1, COLUMNS + 1))
-        inner = np.empty((ranges, len(wanted), 2 * modes + 1, 2 * modes + 1))
-        posture = 0
-        number = {}
-        for place, hypothesis in enumerate(self.hypotheses):
-            number[place] = posture if hypothesis.posture is not None else 0
-            posture += hypothesis.posture is not None
-        for row, which in enumerate(wanted):
-            extra = 2 * modes + number[int(which)] if postures else 0
-            rows = np.array([*range(2 * modes), extra])
-            root = self._roots[which]
-            part = gram[:, rows]
-            inner[:, row] = root.T @ part[:, :, rows] @ root
-            loaded[:, row] = root.T @ part[:, :, rest:]
-        inner[..., np.arange(2 * modes + 1), np.arange(2 * modes + 1)] += 1.0
+        rest = 2 * self._modes.shape[1] + len(self._postures)  # where the design begins
+        roots = self._roots[wanted]
+        transposed = np.swapaxes(roots, 1, 2)
+        inner = transposed @ gram[:, None, :rest, :rest] @ roots
+        loaded = transposed @ gram[:, None, :rest, rest:]
+        places = np.arange(rest)
+        inner[..., places, places] += 1.0
         solved = np.linalg.solve(inner, loaded)
         reduced = gram[:, None, rest:, rest:] - np.swapaxes(loaded, 2, 3) @ solved
         information, pull, constant = self._prior(lines, factors)
         posterior = reduced[..., :COLUMNS, :COLUMNS] + information[:, None]
         right = reduced[..., :COLUMNS, COLUMNS] + pull[:, None]
         covariance = np.linalg.inv(posterior)
-        mean = (covariance @ right[..., None])[..., 0]
+        mean = np.asarray((covariance @ right[..., None])[..., 0], dtype=np.float64)
         log = np.array([self.hypotheses[int(which)].log_prior for which in wanted]) + constant[:, None]
         log = log - 0.5 * (log_det[:, None] + _log_det(inner) + _log_det(posterior))
         log = log - 0.5 * (reduced[..., COLUMNS, COLUMNS] - (right * mean).sum(axis=2))
         # The prior is uniform over directions and the logarithm of the range; across and up are in metres.
         log = log - 2.0 * np.log(lines.ranges_m)[:, None]
         finite = np.asarray(np.where(np.isfinite(log), log, -np.inf), dtype=np.float64)
-        return Evidence(finite, mean, np.asarray(covariance, dtype=np.float64), solved, inner)
+        return Evidence(
+            finite, mean, np.asarray(covariance, dtype=np.float64), np.asarray(solved, dtype=np.float64), inner
+        )
 
     def nodes(self, found: Evidence, factors: Factors, wanted: Sequence[Variant], below: float) -> Nodes:
         """Some variants of the prior at the ranges and hypotheses whose evidence is at most `below` under the best."""
@@ -317,8 +307,8 @@ class MarginalModel:
         """The deviation's modes and what they say of the end.
 
         Returns:
-            Modes at the knots (k, m); each hypothesis' root in them and the posture (H, 2 m + 1, 2 m + 1); by the modes
-            the nine numbers of `TargetMoments` (H, 9, 2 m + 1); and what they leave of their covariance (H, 9, 9).
+            Modes at the knots (k, m); each hypothesis' root in them and the posture's waves (H, c, c), c = 2 m + P; by
+            these the nine numbers of `TargetMoments` (H, 9, c); and what they leave of their covariance (H, 9, 9).
         """
         places = np.array([h.place for h in self.hypotheses])
         scale = np.array([max(float(np.trace(p)), 1e-12) for p in places])
@@ -328,14 +318,16 @@ class MarginalModel:
         basis = vectors[:, ::-1][:, :count]
         inside = np.einsum("im,hij,jn->hmn", basis, places, basis)
         end = basis[-2:]
-        rest = places[:, -2:, -2:] - np.einsum("im,hmn,jn->hij", end, inside, end)
+        rest = _not_negative(places[:, -2:, -2:] - np.einsum("im,hmn,jn->hij", end, inside, end))
         axes, vectors_h = np.linalg.eigh(0.5 * (inside + np.swapaxes(inside, 1, 2)))
         root = vectors_h * np.sqrt(np.maximum(axes, 0.0))[:, None, :]
-        roots = np.zeros((len(places), 2 * count + 1, 2 * count + 1))
+        size = 2 * count + len(self._postures)
+        roots = np.zeros((len(places), size, size))
         roots[:, :count, :count] = root
         roots[:, count : 2 * count, count : 2 * count] = root
-        roots[:, -1, -1] = [h.posture_sigma for h in self.hypotheses]
-        end_modes = np.zeros((9, 2 * count + 1))
+        waves = np.arange(2 * count, size)
+        roots[:, waves, waves] = np.array([[float(h.posture)] for h in self.hypotheses])
+        end_modes = np.zeros((9, size))
         end_rest = np.zeros((len(places), 9, 9))
         for axis in range(2):
             end_modes[[3 + axis, 6 + axis], axis * count : (axis + 1) * count] = end
@@ -382,6 +374,12 @@ class MarginalModel:
         smooth = np.median(heights[near], axis=1)[near].mean(axis=1)
         filled = np.interp(t, t[sized], smooth)
         return np.asarray(np.exp(np.clip(filled[self.first] - filled, -3.5, 3.5)))
+
+
+def _not_negative(matrices: Matrix) -> Matrix:
+    """The nearest positive semidefinite matrices: what few modes leave of a kink may come out a little below zero."""
+    values, vectors = np.linalg.eigh(matrices)
+    return np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2))
 
 
 def _log_det(matrices: Matrix) -> Matrix:

@@ -8,7 +8,7 @@ process of the deviation from constant velocity, per horizontal axis, zero at th
 - a random walk of the velocity of one intensity (white-noise acceleration; Bar-Shalom, Li & Kirubarajan 6.2.2),
 - the same with one change of velocity within about a second, at one of several times,
 - the same with a sideways oscillation (weaving),
-- the same with a change of posture: the apparent height changes by a step, and the centre with it.
+- the same with changes of posture: the logarithm of the apparent height is a random walk, and the centre goes with it.
 
 Which of them is true is not decided: the marginal likelihood of the sightings weighs them (`marginal.py`).
 """
@@ -44,8 +44,8 @@ _TURNS, _TURNING, _TURN_SIGMA_M_S, _TURN_S = 8, 0.14, 1.2, 0.8
 """Times tried, probability of all of them, change of velocity per axis, and how long it takes."""
 _WEAVING: Final = ((1.6, 0.3, 0.015), (2.6, 0.2, 0.015))
 """Angular rate (rad/s), amplitude's sigma (m) and probability."""
-_POSTURES, _POSTURE, _POSTURE_SIGMA, _POSTURE_S = 4, 0.05, 0.3, 0.8
-"""Times tried, probability of all of them, sigma of the change of the log height, and how long it takes."""
+_POSTURE, _POSTURE_SIGMA, _POSTURE_MODES = 0.05, 1.2, 8
+"""Probability, what the log height may change by in a flight, and how many waves of its random walk are kept."""
 SPEEDS: Final = ((0.05, 0.08), (1.0, 0.72), (2.5, 0.15), (8.0, 0.05))
 """The prior's speed sigma is multiplied by these, with these probabilities: some stand, some run or ride."""
 
@@ -58,13 +58,8 @@ class Hypothesis:
     log_prior: float
     place: Matrix
     """(k + 2, k + 2), covariance per axis of the deviation at the knots, and of it and its rate at the end."""
-    posture: Vector | None = None
-    """(n,), the share of a change of posture that is done at each sighting."""
-
-    @property
-    def posture_sigma(self) -> float:
-        """Of the change of the log height."""
-        return 0.0 if self.posture is None else _POSTURE_SIGMA
+    posture: bool = False
+    """Whether the posture changes, too (`posture_modes`)."""
 
 
 def motion_hypotheses(t_s: Vector, averaging: Matrix, prior: TargetPrior) -> tuple[Hypothesis, ...]:
@@ -92,10 +87,19 @@ def motion_hypotheses(t_s: Vector, averaging: Matrix, prior: TargetPrior) -> tup
     for rate_rad_s, sigma_m, share in _WEAVING:
         weave = sigma_m**2 * _oscillation(t_s, averaging, rate_rad_s)
         found.append(Hypothesis("weaving", math.log(share), _USUAL * wander + weave))
-    for change in begin + (np.arange(_POSTURES) + 0.5) / _POSTURES * (end - begin):
-        done = np.clip((t_s - change) / _POSTURE_S + 0.5, 0.0, 1.0)
-        found.append(Hypothesis("posture", math.log(_POSTURE / _POSTURES), _USUAL * wander, done))
+    found.append(Hypothesis("posture", math.log(_POSTURE), _USUAL * wander, posture=True))
     return tuple(found)
+
+
+def posture_modes(t_s: Vector) -> Matrix:
+    """What each wave of a changing posture adds to the log height at the sightings, one sigma of it, (P, n).
+
+    The random walk's own waves (Karhunen-Loeve; Papoulis, Probability, Random Variables and Stochastic Processes, 11).
+    """
+    span = max(float(np.ptp(t_s)), 1e-6)
+    rates = (np.arange(_POSTURE_MODES) + 0.5) * np.pi
+    waves = math.sqrt(2.0) * np.sin(rates[:, None] * (t_s - t_s[0]) / span) / rates[:, None]
+    return np.asarray(_POSTURE_SIGMA * waves)
 
 
 def _with_end(t_s: Vector, averaging: Matrix) -> Matrix:

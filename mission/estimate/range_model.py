@@ -24,8 +24,8 @@ from mission.records import Matrix, Vector
 SIDE, RISE, SPEED, SIZE, HEADING, TILT = 0, 1, slice(2, 5), 5, 6, 7
 """Columns of the design: place across that line of sight (right, up; m), velocity (m/s), log height, biases."""
 COLUMNS = 8
-_HALF_HEIGHT_M = 0.85
-"""By how much the centre sinks where the height shrinks by its whole."""
+_SINKING_M = 0.6
+"""By how much the centre sinks for each unit of the log height: half of what a body of 1.7 m loses when it crouches."""
 _NUDGE = 1e-4
 
 
@@ -62,7 +62,7 @@ class RangeModel:
         seen: the observations.
         knots: their averaging.
         camera_m: (n, 3), the camera's (smoothed) path.
-        postures: (P, n), shares of changes of posture done at the sightings.
+        postures: (P, n), changes of the log height at the sightings.
         t_s: (n,), times of the sightings, zero where the target's place is asked for.
         first: the sighting whose range is given.
     """
@@ -131,7 +131,7 @@ class RangeModel:
         design[:, :, 2, SIZE] = 1.0
         design[:, :, :2, HEADING] = heading_k
         design[:, :, :2, TILT] = tilt_k
-        sinking = _HALF_HEIGHT_M * by_place[..., 2]
+        sinking = _SINKING_M * by_place[..., 2]
         sinking[..., 2] += 1.0
         posture = np.einsum("ckpn,rnc->rkcp", self._postures, sinking, optimize=True)
         tangent = np.abs(ahead[..., 2]) / np.maximum(level[..., 0], 0.05)

@@ -29,7 +29,7 @@ _PATH_MARGIN = 1.5
 """The path likewise."""
 _SCALE_MARGIN = 1.5
 """The path's size comes from the telemetry alone, and how that drifts was measured on two autopilots only. On a third
-the path was 3.0 % short where 1.2 % were stated; in five of seven flights taken apart the distance erred as the size."""
+the path was 3.0 % short where 1.2 % were stated; in five of seven flights taken apart the distance erred like it."""
 
 
 def achieved_noise(bundle: Bundle, similarity: Similarity, stated: NoiseModel) -> NoiseModel:

@@ -22,6 +22,7 @@ from sitl.accuracy.flights import (
     s_pattern,
     simulate,
 )
+from sitl.accuracy.people_flights import PeopleSetting, people_flight
 
 WALKS = [(0.0, 0.0), (0.6, 0.0), (-0.6, 0.0), (0.0, 0.6), (0.0, -0.3), (0.42, 0.42), (-0.42, 0.42)]
 DEPTHS = [4.0, 7.25, 9.0, 15.0, 25.0]
@@ -262,3 +263,28 @@ def test_a_long_gap_in_time_is_no_problem(gap_s: float) -> None:
     late = replace(pattern, t_s=np.where(pattern.t_s > 3.05, pattern.t_s + gap_s, pattern.t_s))
     sim = simulate(late, Walk(9.0), np.random.default_rng(3))
     assert Batch().estimate(sim.flight).depth_m == pytest.approx(9.0, rel=0.2)
+
+
+@pytest.mark.parametrize("walks", ["starts", "turns", "crouching"])
+def test_a_covariance_is_one_however_people_move(walks: str) -> None:
+    for number in (*range(6), 34):  # 34: someone who starts, whose end lies in what few modes leave out
+        sim = people_flight(PeopleSetting(walks=walks), 7707, number)
+        try:
+            estimate = Batch().estimate(sim.flight)
+        except EstimateRefused:
+            continue
+        assert estimate.covariance is not None
+        assert np.linalg.eigvalsh(estimate.covariance).min() > 0.0
+
+
+def test_someone_who_crouches_is_not_taken_for_someone_who_leaves() -> None:
+    depth = []
+    for number in range(10):
+        sim = people_flight(PeopleSetting(walks="crouching"), 41, number)
+        try:
+            estimate = Batch().estimate(sim.flight)
+        except EstimateRefused:
+            continue
+        away = np.linalg.norm((estimate.position_enu_m - sim.camera_m[-1])[:2])
+        depth.append(away / np.linalg.norm((sim.target_m[-1] - sim.camera_m[-1])[:2]) - 1.0)
+    assert np.median(np.abs(depth)) < 0.3

@@ -199,7 +199,7 @@ def test_an_adult_s_height_sharpens_the_answer_and_a_child_stays_possible(height
     inside, nearer = 0, []
     for seed in range(16):
         rng = np.random.default_rng(seed)
-        flown = simulate(out_and_back(length_m=1.5), Walk(9.0, (0.5, 0.3, 0.0), height_m=height_m), rng)
+        flown = simulate(out_and_back(length_m=0.8), Walk(9.0, (0.5, 0.3, 0.0), height_m=height_m), rng)
         with_class = told(flown.flight, TargetPrior(class_height="use"))
         without = told(flown.flight, TargetPrior(class_height="compare"))
         assert any("adult" in note for note in with_class.notes)
