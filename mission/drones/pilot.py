@@ -66,7 +66,8 @@ class _Vehicle:
         self.loss = PacketLoss()
         self.rivals: queue.SimpleQueue[tuple[str, bool]] = queue.SimpleQueue()
         self._own = {MAVSDK_COMPONENT, PILOT_COMPONENT, PROGRAM_COMPONENT}
-        self._thinning = Thinning(self.state.system, time.monotonic(), sparing=config.sparing)
+        handled = (*VEHICLE_MESSAGES, *_FOREIGN, *SAFEGUARD_MESSAGES, "COMMAND_ACK")
+        self._thinning = Thinning(self.state.system, time.monotonic(), sparing=config.sparing, bounded=handled)
         self._cautioned = False
         self._reposition_s = -math.inf
         sock = loopback_socket()
@@ -77,7 +78,7 @@ class _Vehicle:
             source_component=PILOT_COMPONENT,
             target_system=self.state.system,
             handler=self._take,
-            handled=(*VEHICLE_MESSAGES, *_FOREIGN, *SAFEGUARD_MESSAGES, "COMMAND_ACK"),
+            handled=handled,
             wants=self._look_at,
             at_leisure=self._thinning.at_leisure,
         )

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Final
 
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.drones.framing import MESSAGE_IDS
+from mission.drones.vehicle import VEHICLE_MESSAGES
 
 FREQUENT: Final = ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "ATTITUDE", "CURRENT_MODE")
-OTHERS_BEATS_HZ: Final = 100
-"""Of heartbeats that are not the vehicle's, no more are decoded: whoever floods the link does not stop its reader."""
+OTHERS_HZ: Final = 100
+"""Of each kind of message from others than the vehicle's autopilot, no more are decoded: whoever floods the link does
+not stop its reader."""
 NEEDED_S: Final = 5.0
 """All messages are decoded for this long after they were needed last."""
 THINNED_S: Final = 0.09
@@ -29,9 +32,10 @@ class Thinning:
         now_s: program time; until `NEEDED_S` later everything is.
         sparing: whether anything is left out at all. Only for a program that looks (`need`) before it acts: the first
             look finds telemetry that is up to 0.15 s old.
+        bounded: names of the messages of which others than the vehicle's autopilot may send `OTHERS_HZ` each.
     """
 
-    def __init__(self, system: int, now_s: float, *, sparing: bool) -> None:
+    def __init__(self, system: int, now_s: float, *, sparing: bool, bounded: Sequence[str] = VEHICLE_MESSAGES) -> None:
         self.passed_over: Counter[str] = Counter()
         """The vehicle's messages that were not decoded, by name."""
         self._sender = bytes((system, mavlink.MAV_COMP_ID_AUTOPILOT1))
@@ -39,7 +43,7 @@ class Thinning:
         self._due_s = dict.fromkeys(self._names, now_s)
         self._sparing = sparing
         self._until_s = now_s + NEEDED_S
-        self._beats, self._beats_since_s = 0, now_s
+        self._others = {MESSAGE_IDS[name]: (0, now_s) for name in bounded if name not in FREQUENT}
 
     def need(self, now_s: float) -> None:
         """Somebody looks: decode everything for a while."""
@@ -54,8 +58,8 @@ class Thinning:
         due_s = self._due_s.get(message_id)
         at = 5 if frame[0] == mavlink.PROTOCOL_MARKER_V2 else 3
         if due_s is None:
-            beat_of_others = message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT and frame[at : at + 2] != self._sender
-            return not beat_of_others or self._few_beats(now_s)
+            of_others = message_id in self._others and frame[at : at + 2] != self._sender
+            return not of_others or self._few(message_id, now_s)
         if frame[at : at + 2] != self._sender:
             return False
         if self.at_leisure(now_s):
@@ -65,9 +69,10 @@ class Thinning:
             self._due_s[message_id] = now_s + THINNED_S
         return True
 
-    def _few_beats(self, now_s: float) -> bool:
-        """Whether one more heartbeat of somebody else is decoded in this second."""
-        if not 0.0 <= now_s - self._beats_since_s < 1.0:
-            self._beats, self._beats_since_s = 0, now_s
-        self._beats += 1
-        return self._beats <= OTHERS_BEATS_HZ
+    def _few(self, message_id: int, now_s: float) -> bool:
+        """Whether one more of this kind from somebody else is decoded in this second."""
+        count, since_s = self._others[message_id]
+        if not 0.0 <= now_s - since_s < 1.0:
+            count, since_s = 0, now_s
+        self._others[message_id] = count + 1, since_s
+        return count < OTHERS_HZ

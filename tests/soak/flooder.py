@@ -1,7 +1,7 @@
 """Sends MAVLink frames as fast as told, from a socket that was opened by another process.
 
-``python -m tests.soak.flooder FD PORT RATE SECONDS`` floods the loopback port with unsigned commands, parameters and
-heartbeats under the operator's id, a datagram each, and writes each second how many it has sent a second.
+``python -m tests.soak.flooder FD PORT RATE SECONDS`` floods the loopback port with unsigned commands, parameters,
+setpoints and heartbeats under the operator's id, a datagram each, and writes each second how many it has sent a second.
 """
 
 from __future__ import annotations
@@ -26,6 +26,9 @@ def main(fd: int, port: int, rate_hz: float, seconds: float) -> None:
         ),
         mavlink.MAVLink_param_set_message(1, 100, b"REPEAT", 4.0, 9).pack(sender),
         mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(sender),
+        mavlink.MAVLink_command_int_message(1, 1, 0, 192, 0, 0, *([0.0] * 4), 0, 0, 0.0).pack(sender),
+        mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.5).pack(sender),
+        mavlink.MAVLink_statustext_message(6, b"flood").pack(sender),
     ]
     began_s = time.monotonic()
     sent, told_s = 0, 0.0

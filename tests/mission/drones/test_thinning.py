@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from mission.drones.framing import MESSAGE_IDS, frames
 from mission.drones.link import MavlinkLink
 from mission.drones.rates import MessageRates
-from mission.drones.thinning import NEEDED_S, OTHERS_BEATS_HZ, Thinning
+from mission.drones.thinning import NEEDED_S, OTHERS_HZ, Thinning
 
 ATTITUDE = mavlink.MAVLink_attitude_message(1, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0)
 POSITION = mavlink.MAVLink_global_position_int_message(1, 1, 1, 1, 1, 1, 1, 1, 1)
@@ -85,8 +85,18 @@ def test_the_rate_of_a_message_is_that_at_which_it_comes_however_many_are_decode
     assert rates.hz("ATTITUDE") == pytest.approx(50.0)
 
 
-def test_of_others_heartbeats_a_bounded_number_is_decoded_and_the_vehicle_s_always() -> None:
+def test_of_others_messages_a_bounded_number_is_decoded_and_the_vehicle_s_always() -> None:
     thinning = Thinning(1, START_S, sparing=False)
-    assert decoded(thinning, packed(HEARTBEAT, (255, 190)), START_S, 2.0, hz=40_000.0) <= 3 * OTHERS_BEATS_HZ
+    assert decoded(thinning, packed(HEARTBEAT, (255, 190)), START_S, 2.0, hz=40_000.0) <= 3 * OTHERS_HZ
     assert thinning.wants(*packed(HEARTBEAT), START_S + 2.0)
     assert decoded(thinning, packed(HEARTBEAT, (255, 190)), START_S + 10.0, 20.0, hz=1.0) == 20
+
+
+def test_each_kind_of_others_messages_has_its_own_bound_and_orders_have_none() -> None:
+    thinning = Thinning(1, START_S, sparing=False)
+    text = mavlink.MAVLink_statustext_message(6, b"text")
+    order = mavlink.MAVLink_command_long_message(1, 100, 31011, 0, *([0.0] * 7))
+    assert decoded(thinning, packed(HEARTBEAT, (255, 190)), START_S, 0.5, hz=4000.0) == OTHERS_HZ
+    assert decoded(thinning, packed(text, (255, 190)), START_S, 0.5, hz=4000.0) == OTHERS_HZ
+    assert decoded(thinning, packed(text), START_S, 0.5, hz=4000.0) == 2000
+    assert decoded(thinning, packed(order, (255, 190)), START_S, 0.5, hz=4000.0) == 2000
