@@ -64,6 +64,8 @@ class Commander:
         self.battery_fraction = config.battery_fraction
         self.has_mission = False
         self.failsafe = False
+        self.without_sticks = False
+        """In a mode of the pilot's (PX4's Position) with nobody at the sticks: it comes down level, and drifts."""
         self.texts: deque[tuple[int, str]] = deque(maxlen=50)
         self._ready_at = now + config.ready_after_s
         self._announced = self._battery_low = self._outside = False
@@ -111,9 +113,10 @@ class Commander:
         if not self.landed and not force:
             return FAILED if self.flavour.name == "ardupilot" else DENIED
         self.armed, self.taking_off, self.failsafe = False, False, False
+        after = Mode.OFFBOARD if self.without_sticks else Mode.HOLD
         self.say("Disarming motors" if self.flavour.name == "ardupilot" else why)
-        if self.flavour.name == "px4" and self.mode is not Mode.HOLD:
-            self._enter(Mode.HOLD)
+        if self.flavour.name == "px4" and self.mode is not after:
+            self._enter(after)
         return ACCEPTED
 
     def request_mode(self, mode: Mode, now: float) -> int:
@@ -154,6 +157,8 @@ class Commander:
         self.setpoint = Setpoint(demand, now)
         if self.mode is Mode.OFFBOARD and not self.landed:
             self.taking_off = False
+            if self.flavour.name == "ardupilot" and (demand.yaw is not None or demand.yaw_rate is not None):
+                self.roi = None
 
     def step(self, now: float, dt: float, state: EstimatedState, grounded: bool, demand: Demand | None) -> None:
         """Watch over the flight."""
@@ -187,7 +192,11 @@ class Commander:
             if mode is not Mode.HOLD:
                 self.takeoff_height = None
         self.mode = mode
+        self.without_sticks = False
         self.mode_changes += 1
+        # Either forgets where to look: PX4 when a mission begins, ArduPilot with the next setpoint.
+        if mode is Mode.MISSION and self.flavour.name == "px4":
+            self.roi = None
         if mode is Mode.LAND and self.flavour.name == "px4":
             self.say("Landing at current position")
 
@@ -200,7 +209,11 @@ class Commander:
             self.say("Landing detected" if self.flavour.name == "px4" else "SIM Hit ground at 0.5 m/s")
         if self.landed:
             rested = now - self._landed_at > self.flavour.landing_wait_s
-            if self.mode in (Mode.LAND, Mode.RTL) and rested and self.armed_at < self._landed_at:
+            if (
+                (self.mode in (Mode.LAND, Mode.RTL) or self.without_sticks)
+                and rested
+                and self.armed_at < self._landed_at
+            ):
                 self.disarm(force=False, why="Disarmed by landing")
                 return
             name = "COM_DISARM_PRFLT" if self.flavour.name == "px4" else "DISARM_DELAY"
@@ -218,7 +231,7 @@ class Commander:
             self.taking_off = False
 
     def _watch_setpoints(self, now: float) -> None:
-        if self.flavour.name != "px4" or self.mode is not Mode.OFFBOARD or self.setpoint is None:
+        if self.flavour.name != "px4" or self.mode is not Mode.OFFBOARD or self.setpoint is None or not self.armed:
             return
         if now - self.setpoint.t_s <= self.parameters.number("COM_OF_LOSS_T"):
             return
@@ -227,8 +240,11 @@ class Commander:
             self.fail_safe(Mode.HOLD, "offboard control lost, holding")
         elif action == 3:
             self.fail_safe(Mode.RTL, "offboard control lost, returning")
-        else:  # 0 to 2 need sticks, so without them it lands
+        elif action == 4:
             self.fail_safe(Mode.LAND, "offboard control lost, landing")
+        else:  # 0 to 2 need sticks, and nobody is there
+            self.fail_safe(Mode.POSITION, "offboard control lost")
+            self.without_sticks = True
 
     def _watch_battery(self, dt: float) -> None:
         if not self.landed:

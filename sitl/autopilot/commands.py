@@ -161,7 +161,8 @@ def _set_interval(a: FlightStack, link: Link, order: Order) -> int:
     elif microseconds < 0.0:
         link.set_interval(message_id, None)
     else:
-        link.set_interval(message_id, max(1.0 / a.flavour.fastest_hz, microseconds * 1e-6))
+        most_hz = a.flavour.slow_hz.get(message_id, a.flavour.fastest_hz)
+        link.set_interval(message_id, max(1.0 / most_hz, microseconds * 1e-6))
     return ACCEPTED
 
 

@@ -44,6 +44,10 @@ class Flavour:
     drag_n_s_m: float
     default_rates: Mapping[int, float]
     fastest_hz: float
+    slow_hz: Mapping[int, float]
+    """Messages that come no faster than this whatever is asked for, but at once when they change."""
+    tells_geoid: bool
+    """Whether GPS_RAW_INT's ellipsoid altitude is one; PX4's SIH repeats the one above mean sea level."""
     takeoff_ramp_s: float
     takeoff_delay_s: float
     landing_wait_s: float
@@ -111,6 +115,8 @@ PX4 = Flavour(
         mavlink.MAVLINK_MSG_ID_TIMESYNC: 1.0,
     },
     fastest_hz=124.0,
+    slow_hz={mavlink.MAVLINK_MSG_ID_CURRENT_MODE: 1.8},
+    tells_geoid=False,
     takeoff_ramp_s=3.0,
     takeoff_delay_s=1.0,
     landing_wait_s=2.0,
@@ -159,6 +165,8 @@ ARDUPILOT = Flavour(
     drag_n_s_m=0.3,
     default_rates={mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0, mavlink.MAVLINK_MSG_ID_TIMESYNC: 0.1},
     fastest_hz=200.0,
+    slow_hz={},
+    tells_geoid=True,
     takeoff_ramp_s=1.5,
     takeoff_delay_s=0.7,
     landing_wait_s=2.0,

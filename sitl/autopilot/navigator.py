@@ -21,6 +21,9 @@ _LEAVE: Vec = (0.0, 0.0, 0.6)
 _ARRIVED_M = 0.6
 _YAW_RATE_RAD_S = math.radians(45.0)
 _RTL_LAND_M = 1.0
+_NOT_LEVEL_M_S2 = 0.9
+"""How far from level an attitude is that is flown for level: a real one drifted at 1.5 m/s within two seconds."""
+_MOVING_M_S = 0.05
 
 
 class Navigator:
@@ -34,6 +37,8 @@ class Navigator:
         self._yaw: float = state.heading
         self._yaw_goal: float | None = None
         self._goal: Vec | None = None
+        self._drift: Vec | None = None
+        """Acceleration of a descent without horizontal control."""
         self._phase = 0
         self._item_since: float | None = None
         self._ramp_s = 0.0
@@ -78,7 +83,7 @@ class Navigator:
         """Start the mode's trajectory where the aircraft is."""
         c = self._commander
         self._trajectory = Trajectory(c.flavour.limits, state.position, state.velocity)
-        self._goal, self._phase, self._item_since = None, 0, None
+        self._goal, self._phase, self._item_since, self._drift = None, 0, None, None
         self._yaw, self._yaw_goal = state.heading, None
         if c.takeoff_height is not None and c.mode in (Mode.TAKEOFF, Mode.OFFBOARD, Mode.HOLD) and not c.failsafe:
             if c.taking_off or c.mode is Mode.HOLD:
@@ -127,11 +132,24 @@ class Navigator:
             self._fly_plan(now, state)
         elif c.mode is Mode.RTL:
             self._return(state)
+        if c.without_sticks:
+            return self._come_down_level(state)
         if c.mode is Mode.LAND or (c.mode is Mode.RTL and self._phase == 2):
             self._trajectory.step(None, (0.0, 0.0, -c.flavour.limits.descent_m_s), dt)
         else:
             self._trajectory.step(self._goal, _STOP, dt, self._climb_limit())
         return self._trajectory.demand(self._slewed_yaw(dt, state), None)
+
+    def _come_down_level(self, state: EstimatedState) -> Demand:
+        """No horizontal control: an attitude that is taken for level, and so a drift the way that it went."""
+        c = self._commander
+        self._trajectory = Trajectory(c.flavour.limits, state.position, state.velocity)
+        if self._drift is None:  # which way is decided once
+            east, north, _ = state.velocity
+            size = math.hypot(east, north)
+            way = (east / size, north / size) if size > _MOVING_M_S else (1.0, 0.0)
+            self._drift = (_NOT_LEVEL_M_S2 * way[0], _NOT_LEVEL_M_S2 * way[1], 0.0)
+        return Demand(velocity=(None, None, -c.flavour.limits.descent_m_s), acceleration=self._drift, yaw=self._yaw)
 
     def _climb_limit(self) -> float | None:
         return 1.5 if self._commander.taking_off else None

@@ -85,6 +85,10 @@ class Peers:
         shown = (stack.commander.mode, stack.commander.armed)
         if shown != self._shown and stack.flavour.name == "ardupilot":
             self.send_all(telemetry.heartbeat(stack))  # PX4 leaves it at 1 Hz: a take-over is seen late there
+        if shown != self._shown:
+            for link in self.links:
+                for message_id in stack.flavour.slow_hz.keys() & link.intervals.keys():
+                    link.send(telemetry.build(stack, message_id))
         self._shown = shown
         reached, stack.plan.reached = stack.plan.reached, None
         if reached is not None:

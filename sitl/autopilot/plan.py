@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.autopilot.flavour import Flavour
@@ -20,6 +21,11 @@ MISSION: int = mavlink.MAV_MISSION_TYPE_MISSION
 _TYPES = (MISSION, mavlink.MAV_MISSION_TYPE_FENCE, mavlink.MAV_MISSION_TYPE_RALLY)
 _CAPACITY = 500
 _FRAMES = (0, 2, 3, 5, 6, 10, 11)
+_INT_FRAMES = {
+    mavlink.MAV_FRAME_GLOBAL: mavlink.MAV_FRAME_GLOBAL_INT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT: mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+}
+_FLOAT_FRAMES = {told: asked for asked, told in _INT_FRAMES.items()}
 _AMSL = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 
 
@@ -61,10 +67,19 @@ class Plan:
         return stored
 
     def store(self, kind: int, items: tuple[PlanItem, ...]) -> None:
-        """Replace a whole plan."""
-        self._items[kind] = items
+        """Replace a whole plan; items are kept as the autopilot keeps them."""
+        self._items[kind] = tuple(map(self._kept, items)) if kind == MISSION else items
         if kind == MISSION:
             self.current = 0
+
+    def _kept(self, item: PlanItem) -> PlanItem:
+        """PX4 tells frames by their INT names and yaw with float32's error; ArduPilot cuts heights to centimetres."""
+        if self.flavour.home_is_item_0:
+            return replace(item, z=math.trunc(100.0 * item.z) / 100.0)
+        *first, yaw = item.params
+        one, two, three = first
+        there_and_back = float(np.float32(math.degrees(np.float32(math.radians(yaw)))))
+        return replace(item, frame=_INT_FRAMES.get(item.frame, item.frame), params=(one, two, three, there_and_back))
 
     def count(self, kind: int) -> int:
         """How many items are stored."""
@@ -201,8 +216,10 @@ class PlanTransfer:
             return self._ack(peer, mavlink.MAV_MISSION_INVALID_SEQUENCE, message.mission_type)
         item = items[message.seq]
         current = int(message.mission_type == MISSION and message.seq == self._plan.current)
-        head = (*peer, message.seq, item.frame, item.command, current, item.autocontinue, *item.params)
-        if message.get_type() == "MISSION_REQUEST":
+        floats = message.get_type() == "MISSION_REQUEST"
+        frame = _FLOAT_FRAMES.get(item.frame, item.frame) if floats else item.frame
+        head = (*peer, message.seq, frame, item.command, current, item.autocontinue, *item.params)
+        if floats:
             local = item.frame == mavlink.MAV_FRAME_MISSION
             x, y = (float(item.x), float(item.y)) if local else (item.x / 1e7, item.y / 1e7)
             return mavlink.MAVLink_mission_item_message(*head, x, y, item.z, message.mission_type)
@@ -210,7 +227,7 @@ class PlanTransfer:
 
     def _ask(self, up: _Upload) -> Any:
         which = (up.system, up.component, len(up.items), up.kind)
-        if self._plan.flavour.asks_mission_int:
+        if self._plan.flavour.asks_mission_int and up.items:  # also PX4 asks for the first one the old way
             return mavlink.MAVLink_mission_request_int_message(*which)
         return mavlink.MAVLink_mission_request_message(*which)
 

@@ -108,7 +108,7 @@ def gps_raw_int(a: FlightStack) -> Any:
     return mavlink.MAVLink_gps_raw_int_message(
         *(a.boot_ms * 1000, fix, round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), 70, 110),
         *(round(math.hypot(north, east) * 100), course, 10),
-        *(round((alt + a.place.geoid_separation_m) * 1e3), h, v, s, 0, 0),
+        *(round((alt + (a.place.geoid_separation_m if a.flavour.tells_geoid else 0.0)) * 1e3), h, v, s, 0, 0),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -58,7 +59,7 @@ def test_px4_enters_offboard_only_while_setpoints_stream(px4: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("action", "mode"), [(0, Mode.LAND), (3, Mode.RTL), (4, Mode.LAND), (5, Mode.HOLD)], ids=["0", "3", "4", "5"]
+    ("action", "mode"), [(0, Mode.POSITION), (3, Mode.RTL), (4, Mode.LAND), (5, Mode.HOLD)], ids=["0", "3", "4", "5"]
 )
 def test_px4_fails_safe_one_second_after_the_last_setpoint(action: int, mode: Mode) -> None:
     bench = Bench(AutopilotConfig(flavour="px4", parameters=(("COM_OBL_RC_ACT", action),)))
@@ -76,13 +77,23 @@ def test_px4_fails_safe_one_second_after_the_last_setpoint(action: int, mode: Mo
     assert any("Failsafe" in text for text in bench.peer.texts())
 
 
-def test_px4_lands_after_losing_setpoints_and_disarms(px4: Bench) -> None:
-    px4.hover(1.5)
+def test_px4_without_sticks_comes_down_drifting_and_disarms(px4: Bench) -> None:
+    """As a real one at COM_OBL_RC_ACT's default: 3 m of drift in 3 s, landed after 4 s, disarmed after 6 s."""
+    px4.hover(1.6)
     px4.enter_offboard(EAST)
-    px4.run(9.0)
+    px4.run(2.0, EAST)
+    px4.run(1.1)
+    px4.path()
+    px4.run(3.0)
+    path = px4.path()
+    speed = np.hypot(path[:, 4], path[:, 5])
+    assert 1.0 < speed[: len(speed) // 2].max() < 3.0
+    assert 1.5 < np.hypot(*(path[-1, 1:3] - path[0, 1:3])) < 6.0
+    assert path[-1, 3] < 0.3
+    px4.run(6.0)
     assert px4.autopilot.commander.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
     assert not px4.autopilot.commander.armed
-    assert px4.autopilot.commander.mode is Mode.HOLD
+    assert px4.autopilot.commander.mode is Mode.OFFBOARD
 
 
 def test_ardupilot_keeps_the_last_velocity_three_seconds_then_hovers_in_guided(ardupilot: Bench) -> None:
@@ -259,6 +270,27 @@ def test_a_region_of_interest_is_remembered_and_turns_the_nose_in_ardupilot_guid
     assert roi[2] == pytest.approx(bench.autopilot.home_up + 2.0, abs=0.01)  # frame 6: above home
     assert bench.peer.command(mavlink.MAV_CMD_DO_SET_ROI_NONE) == ACCEPTED
     assert bench.autopilot.commander.roi is None
+
+
+def test_a_region_of_interest_is_lost_by_ardupilot_s_next_setpoint_and_by_px4_s_next_mission(bench: Bench) -> None:
+    bench.hover()
+    lat, lon, alt = bench.autopilot.place.geodetic((20.0, 0.0, 1.0))
+    assert bench.peer.command(mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, lat, lon, alt) == ACCEPTED
+    bench.peer.send(setpoint(position_ned=(0.0, 0.0, -3.0), yaw=0.0))
+    px4 = bench.autopilot.flavour.name == "px4"
+    assert (bench.autopilot.commander.roi is not None) is px4
+    bench.autopilot.commander.has_mission = True
+    bench.autopilot.commander.request_mode(Mode.MISSION, bench.now)
+    assert bench.autopilot.commander.roi is None
+
+
+def test_px4_tells_its_mode_twice_a_second_whatever_is_asked_for(px4: Bench) -> None:
+    px4.hover()
+    assert px4.peer.ask_rate(mavlink.MAVLINK_MSG_ID_CURRENT_MODE, 20.0) == ACCEPTED
+    px4.run(1.0)
+    px4.peer.received.clear()
+    px4.run(10.0)
+    assert 17 <= len(px4.peer.of("CURRENT_MODE")) <= 19
 
 
 def test_condition_yaw_turns_ardupilot_only(bench: Bench) -> None:

@@ -50,23 +50,40 @@ def download(peer: Peer, *, ints: bool = True) -> list[Any]:
     return peer.of("MISSION_ITEM_INT" if ints else "MISSION_ITEM")
 
 
-def test_a_mission_comes_back_as_it_was_sent(bench: Bench) -> None:
+def test_a_mission_comes_back_as_real_ones_give_it_back(bench: Bench) -> None:
+    """PX4 by the frame's INT name and with yaw through radians, ArduPilot with heights cut to centimetres."""
     items = mission(bench)
     assert upload(bench, bench.peer, items) == ACCEPTED
     first = int(bench.autopilot.flavour.home_is_item_0)
     found = download(bench.peer)
     assert len(found) == len(items)
     for sent, back in list(zip(items, found, strict=True))[first:]:
-        assert (back.x, back.y, back.z, back.frame, back.command) == (sent.x, sent.y, sent.z, sent.frame, sent.command)
+        assert (back.x, back.y, back.command) == (sent.x, sent.y, sent.command)
+        px4 = bench.autopilot.flavour.name == "px4"
+        assert back.frame == (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT if px4 else sent.frame)
+        assert back.z == pytest.approx(sent.z, abs=1e-6 if px4 else 0.011)
     floats = download(bench.peer, ints=False)
     assert floats[-1].x == pytest.approx(items[-1].x / 1e7, abs=1e-5)
 
 
-def test_px4_asks_with_request_int_and_ardupilot_with_request(bench: Bench) -> None:
+def test_ardupilot_asks_with_request_and_px4_does_for_the_first_item_only(bench: Bench) -> None:
     bench.peer.send(mavlink.MAVLink_mission_count_message(1, 1, 2))
+    assert [m.seq for m in bench.peer.of("MISSION_REQUEST")] == [0]
+    assert not bench.peer.of("MISSION_REQUEST_INT")
+    bench.peer.send(waypoint(bench, 0, 1.0, 2.0, 3.0))
     px4 = bench.autopilot.flavour.name == "px4"
-    assert len(bench.peer.of("MISSION_REQUEST_INT")) == int(px4)
-    assert len(bench.peer.of("MISSION_REQUEST")) == int(not px4)
+    assert [m.seq for m in bench.peer.of("MISSION_REQUEST_INT")] == ([1] if px4 else [])
+    assert [m.seq for m in bench.peer.of("MISSION_REQUEST")] == ([0] if px4 else [0, 1])
+
+
+def test_heights_are_cut_by_ardupilot_and_yaw_comes_back_a_little_off_from_px4(bench: Bench) -> None:
+    items = [waypoint(bench, i, 1.0, 2.0, 1.599) for i in range(2)]
+    items[1].param4 = 123.4
+    upload(bench, bench.peer, items)
+    back = download(bench.peer)[1]
+    px4 = bench.autopilot.flavour.name == "px4"
+    assert back.z == pytest.approx(1.599 if px4 else 1.59, abs=1e-6)
+    assert back.param4 == pytest.approx(123.4, abs=2e-5)
 
 
 def test_ardupilot_shows_home_as_item_0(ardupilot: Bench) -> None:
