@@ -38,6 +38,18 @@ _TRUTH_HZ = 50.0
 _FARTHEST_M = 1000.0
 _PX4_INSTANCES = 10
 _STOP_S = 3.0
+ESTIMATOR_S = 90.0
+"""ArduPilot needs some 35 s from its start until it accepts a take-off."""
+_READER_SYSTEM = 246
+_EKF_POSITION = 0x218
+_WANTED_HZ: Mapping[str, Mapping[int, float]] = {
+    "px4": {mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: _TRUTH_HZ},
+    "ardupilot": {
+        mavlink.MAVLINK_MSG_ID_SIM_STATE: _TRUTH_HZ,
+        mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2.0,
+        mavlink.MAVLINK_MSG_ID_SYS_STATUS: 2.0,
+    },
+}
 
 # What ArduPilot's own start script sets for a quad; without it the pre-arm checks fail.
 _ARDUPILOT_DEFAULTS: Mapping[str, float] = {
@@ -81,6 +93,9 @@ class ExternalAutopilot:
         )
         self._stopping = threading.Event()
         self._first = threading.Event()
+        self._ready = threading.Event()
+        """Position estimate and pre-arm checks are good (ArduPilot)."""
+        self._estimates = self._passes = False
         self._far_m = 0.0
         if launch.kind == "ardupilot":
             defaults = {**_ARDUPILOT_DEFAULTS, **dict(config.parameters)}
@@ -105,6 +120,37 @@ class ExternalAutopilot:
         self._reader = threading.Thread(target=self._read, name="external-truth", daemon=True)
         self._reader.start()
         self._await(timeout_s)
+
+    def await_estimator(self, timeout_s: float = ESTIMATOR_S) -> None:
+        """Wait until it would accept a take-off; PX4 is asked by the mission itself.
+
+        Raises:
+            LinkError: its estimator does not get ready, or it ended.
+        """
+        if self._launch.kind == "px4":
+            return
+        until = time.monotonic() + timeout_s
+        while not self._ready.wait(0.1):
+            self.check_alive()
+            if time.monotonic() > until:
+                name, said = Path(self._launch.command[0]).name, self._said()
+                raise LinkError(
+                    f"{name} has no position after {timeout_s:.0f} s; it said: {said}", "see its pre-arm checks"
+                )
+
+    def check_alive(self) -> None:
+        """Notice a binary that died.
+
+        Raises:
+            LinkError: it did; with the last that it said.
+        """
+        status = self._process.poll()
+        if status is not None and not self._stopping.is_set():
+            name, said = Path(self._launch.command[0]).name, self._said()
+            raise LinkError(f"{name} ended in flight (exit status {status}) and said: {said}", "start it by hand")
+
+    def _said(self) -> str:
+        return Path(self._folder, "output.txt").read_bytes()[-300:].decode(errors="replace").strip()
 
     @property
     def pid(self) -> int:
@@ -162,14 +208,15 @@ class ExternalAutopilot:
                 f"{name} started {self._far_m / 1000.0:.0f} km from the scenario's home",
                 "PX4 before 1.16 takes PX4_HOME_LAT and PX4_HOME_LON in 1e-7 degrees: use a newer build",
             )
-        said = Path(self._folder, "output.txt").read_bytes()[-300:].decode(errors="replace").strip()
+        said = self._said()
         if ended:
             return f"{name} ended at once and said: {said}", "start it by hand with the same arguments"
         return f"{name} runs but tells no true pose; it said: {said}", "use a SITL build (PX4: with SIH)"
 
     def _read(self) -> None:
         """Ask for the true pose and write what comes to the ring, until told to stop."""
-        parser = mavlink.MAVLink(None, srcSystem=255, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
+        # Not as a ground station: an autopilot would take it for the operator.
+        parser = mavlink.MAVLink(None, srcSystem=_READER_SYSTEM, srcComponent=mavlink.MAV_COMP_ID_USER1)
         parser.robust_parsing = True
         system, asked = 0, -math.inf
         peer: tuple[str, int] | None = None
@@ -193,19 +240,29 @@ class ExternalAutopilot:
                 truth = true_state(message, self._place, arrived)
                 if truth is not None:
                     self._take(truth)
+                self._note_health(message)
 
     def _ask(self, parser: Any, system: int, peer: tuple[str, int]) -> None:
-        wanted = mavlink.MAVLINK_MSG_ID_SIM_STATE
-        if self._launch.kind == "px4":
-            wanted = mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
-        interval = 1e6 / _TRUTH_HZ
-        order = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-        beat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
-        ask = mavlink.MAVLink_command_long_message(system, 0, order, 0, wanted, interval, 0, 0, 0, 0, 0)
-        for message in (beat, ask):
+        wanted = _WANTED_HZ[self._launch.kind]
+        order, kind = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_TYPE_ONBOARD_CONTROLLER
+        beat = mavlink.MAVLink_heartbeat_message(kind, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
+        asks = [
+            mavlink.MAVLink_command_long_message(system, 0, order, 0, message_id, 1e6 / hz, 0, 0, 0, 0, 0)
+            for message_id, hz in wanted.items()
+        ]
+        for message in (beat, *asks):
             with contextlib.suppress(OSError):  # not listening yet: asked again in a second
                 self._socket.sendto(bytes(message.pack(parser)), peer)
             parser.seq = (parser.seq + 1) % 256
+
+    def _note_health(self, message: Any) -> None:
+        """ArduPilot's filter uses GPS for an absolute position, and its pre-arm checks pass."""
+        if message.get_type() == "EKF_STATUS_REPORT":
+            self._estimates = message.flags & _EKF_POSITION == _EKF_POSITION
+        elif message.get_type() == "SYS_STATUS":
+            self._passes = bool(message.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
+        if self._estimates and self._passes:
+            self._ready.set()
 
     def _take(self, truth: VehicleTruth) -> None:
         distance = float(np.linalg.norm(truth.position_enu_m))

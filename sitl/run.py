@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from mission.records import GeodeticOrigin, Matrix, Vector
+from sitl.external import ExternalAutopilot
 from sitl.scenario import Scenario
 from sitl.score import Score, score, truth_track
 from sitl.simulation import Simulation, simulation
@@ -68,6 +69,8 @@ def fly(
     """
     with simulation(scenario, report, extra_settings=extra_settings, external=external) as running:
         exit_code, said = locate(running, ["--take-off", f"{scenario.vehicle.take_off_height_m}"], tell)
+        if isinstance(running.autopilot, ExternalAutopilot):
+            running.autopilot.check_alive()
         result = scored(running, report, exit_code, said)
     text = json.dumps(asdict(result), indent=2)
     (report / "result.json").write_text(text + "\n", encoding="utf-8")

@@ -21,6 +21,7 @@ from sitl.camera import CameraProcess, start_camera
 from sitl.external import ExternalAutopilot, start_external
 from sitl.faults.relay import LinkFaults
 from sitl.scenario import Scenario
+from sitl.scenario_turn import turned
 from sitl.truth import TruthRing
 
 TRUTH_SPAN_S = 300.0
@@ -80,6 +81,12 @@ def simulation(
             yield running
         return
     video = f"udp://127.0.0.1:{_free_udp_port()}"
+    if external is not None and external.startswith("px4:"):
+        # PX4's SIH starts facing north, and cannot be told otherwise.
+        scenario = turned(scenario, -scenario.vehicle.heading_deg)
+    if external is not None and external.startswith("ardupilot:"):
+        own = scenario.autopilot.model_copy(update={"flavour": "ardupilot"})
+        scenario = scenario.model_copy(update={"autopilot": own})
     config = _config(scenario)
     with ExitStack() as stack:
         ring = TruthRing.create(seconds=TRUTH_SPAN_S, rate_hz=TRUTH_RATE_HZ)
@@ -87,6 +94,8 @@ def simulation(
         stack.callback(ring.close)
         autopilot = start_external(external, config, ring.name) if external else start_autopilot(config, ring.name)
         stack.callback(autopilot.stop)
+        if isinstance(autopilot, ExternalAutopilot):
+            autopilot.await_estimator()
         settings = folder / "sidestep.toml"
         settings.write_text(SETTINGS.format(link=autopilot.url, video=video) + extra_settings, encoding="utf-8")
         write_camera(folder / "camera.toml", camera_of(scenario))

@@ -34,6 +34,8 @@ def main() -> None:
         except BlockingIOError:
             messages = []
         for m in messages:
+            if m.get_type() == "HEARTBEAT" and m.type == mavlink.MAV_TYPE_GCS:
+                sys.exit("a ground station")
             if m.get_type() == "COMMAND_LONG" and m.command == 511 and m.param2 == 20000.0:
                 asked = m.param1 == (115 if px4 else 108)
         t = time.monotonic() - start
@@ -51,6 +53,14 @@ def main() -> None:
                 *(*q, 0, 0, 1.5707963, 0, 0, -9.8, 0, 0, 0, 0, 0, alt + 3.0, 0, 0, 0, 2.0, 0, *where)
             )
         link.sendto(bytes(m.pack(mav)), peer)
+        if not px4:
+            ready = t > 1.0
+            health = mavlink.MAV_SYS_STATUS_PREARM_CHECK if ready else 0
+            for m in (
+                mavlink.MAVLink_ekf_status_report_message(831 if ready else 0x127, 0.0, 0.0, 0.0, 0.0, 0.0),
+                mavlink.MAVLink_sys_status_message(health, health, health, 0, 12000, 0, 90, 0, 0, 0, 0, 0, 0),
+            ):
+                link.sendto(bytes(m.pack(mav)), peer)
         time.sleep(0.02)
 
 

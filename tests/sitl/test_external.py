@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+import signal
 import stat
 import sys
 import time
@@ -57,6 +59,24 @@ def test_the_true_pose_of_a_users_binary_goes_into_the_ring(kind: FlavourName, s
         running.stop()
         running.stop()
     assert not running.alive
+
+
+def test_an_ardupilot_is_flown_once_its_estimator_is_ready_and_one_that_dies_is_noticed(
+    speaking: Path, ring: TruthRing
+) -> None:
+    running = start_external(f"ardupilot:{speaking}", AutopilotConfig(flavour="ardupilot"), ring.name)
+    try:
+        with pytest.raises(LinkError, match="no position after"):
+            running.await_estimator(timeout_s=0.0)
+        running.await_estimator(timeout_s=15.0)
+        running.check_alive()
+        os.kill(running.pid, signal.SIGKILL)
+        while running.alive:
+            time.sleep(0.02)
+        with pytest.raises(LinkError, match="ended in flight"):
+            running.check_alive()
+    finally:
+        running.stop()
 
 
 def test_a_binary_that_flies_elsewhere_is_not_believed(speaking: Path, ring: TruthRing) -> None:
