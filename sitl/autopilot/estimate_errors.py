@@ -50,6 +50,8 @@ class NoisePreset:
     """What GPS_RAW_INT reports: horizontal and vertical accuracy, m, and speed accuracy, m/s."""
     home_altitude_sigma_m: float = 0.0
     """PX4 only: how far its home altitude jumps in the first two minutes of a flight."""
+    turning_push: Wander = STILL
+    """PX4 only: acceleration, m/s2 per horizontal axis, by which it strays from its hover while it turns."""
     compass_off_rad: float = 0.0
     """Of the heading, besides what `heading_offset_rad` draws."""
     steps: tuple[MultipathStep, ...] = ()
@@ -90,6 +92,7 @@ PRESETS: dict[Literal["good", "rough", "none"], NoisePreset] = {
         gnss_sigma_m=0.5,
         gnss_accuracy_m=(0.9, 1.78, 0.4),
         home_altitude_sigma_m=0.6,
+        turning_push=Wander(0.5, 0.6),
     ),
     "none": NoisePreset(),
 }
@@ -131,6 +134,7 @@ def drawn_preset(rng: np.random.Generator) -> NoisePreset:
         gnss_sigma_m=level(good.gnss_sigma_m, rough.gnss_sigma_m),
         gnss_accuracy_m=(accuracy[0], accuracy[1], accuracy[2]),
         home_altitude_sigma_m=float(rng.uniform(0.0, 2.0 * rough.home_altitude_sigma_m)),
+        turning_push=Wander(float(rng.uniform(0.0, 0.8)), rough.turning_push.tau_s * factor(rng, (0.5, 2.0))),
         compass_off_rad=float(rng.uniform(-COMPASS_OFF_RAD, COMPASS_OFF_RAD)),
         steps=tuple(drawn_steps(rng, _LONGEST_S)),
     )

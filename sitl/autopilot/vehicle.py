@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,8 +14,11 @@ from sitl.autopilot.estimate_errors import EstimateErrors, StateError
 from sitl.autopilot.flavour import Flavour
 from sitl.autopilot.flight_controller import Demand, EstimatedState, FlightController
 from sitl.autopilot.rotation import FLU_FROM_FRD, NED_FROM_ENU, Quat, Vec, from_euler, multiply, to_euler
+from sitl.gauss_markov import GaussMarkov
 from sitl.truth import VehicleTruth
 
+_FULL_PUSH_RAD_S = 0.15
+"""Turning at this or faster, PX4 strays as far from its hover as it does."""
 _YAW_GYRO_BIAS_RAD_S = math.radians(0.6)
 """Spread between aircraft of how fast the nose drifts while PX4 is asked for a yaw rate of 0 (hover; more at speed)."""
 
@@ -31,6 +35,10 @@ class Vehicle:
         self.controller = FlightController(
             flavour.gains, self.airframe.mass_kg, self.airframe.thrust_max_n, self.airframe.inertia, bias
         )
+        wander = config.preset.turning_push
+        self._push: GaussMarkov | None = None
+        if flavour.name == "px4" and wander.sigma > 0.0:
+            self._push = GaussMarkov((wander, wander), dt, np.random.default_rng((config.seed, 13)))
         self.euler: Vec = (0.0, 0.0, 0.0)
         """Estimated roll, pitch and heading."""
         self.ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -50,10 +58,20 @@ class Vehicle:
         else:
             if self.airframe.grounded:
                 self.controller.reset()
-            thrust, moment = self.controller.step(self.estimate, demand, self.dt, thrust_limit_n)
+            thrust, moment = self.controller.step(self.estimate, self._pushed(demand), self.dt, thrust_limit_n)
             self.airframe.step(self.dt, thrust, moment)
         self._error = self._errors.step()
         self.estimate = self._sense()
+
+    def _pushed(self, demand: Demand) -> Demand:
+        """The demand with what turning does to a hover."""
+        if self._push is None:
+            return demand
+        self._push.step()
+        turning = min(1.0, abs(self.estimate.rates_flu[2]) / _FULL_PUSH_RAD_S)
+        east, north = (turning * self._push.values).tolist()
+        ae, an, au = demand.acceleration
+        return replace(demand, acceleration=(ae + east, an + north, au))
 
     def place(self, position: Vec) -> None:
         """Put the aircraft somewhere, at rest and at hover thrust: a start in the air."""
