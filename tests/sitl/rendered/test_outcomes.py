@@ -108,7 +108,7 @@ def test_the_command_shows_the_flights_that_are_there(tmp_path: Path) -> None:
     append(tmp_path / TABLE, [replace(ONE, seed=case.seed, poses=way) for way in WAYS])
     console = Console(width=120, record=True)
     assert len(run_rendered(console, 1, 1, "good", "street", tmp_path)) == len(WAYS)
-    assert "1 rendered flights, good autopilot, street, seed 1" in console.export_text()
+    assert "1 rendered flights, good autopilot, street, walks straight, seed 1" in console.export_text()
     assert (tmp_path / FIGURE).exists()
 
 
