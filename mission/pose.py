@@ -31,6 +31,9 @@ class Pose:
     """(3, 3), about the body's forward, right and down axes."""
 
 
+_UPRIGHT = 0.1
+"""Cosine of a pitch at which a heading says nothing."""
+
 PoseAt = Callable[[float], Pose | None]
 """The pose at a program time; None where it is not known."""
 
@@ -62,16 +65,24 @@ class PoseBuffer:
     def add_position(self, t_s: float, position_enu_m: Vector, velocity_enu_m_s: Vector) -> bool:
         """Add a position (3,) m and velocity (3,) m/s; False when it is not finite or not newer than the last one."""
         values = np.concatenate([position_enu_m, velocity_enu_m_s]).astype(np.float64)
+        if not bool(np.isfinite(values).all()):
+            return False
         with self._lock:
             return self._positions.add(t_s, values)
 
-    def add_attitude(self, t_s: float, world_from_body_wxyz: Vector) -> bool:
-        """Add a unit quaternion (4,); False when it is not finite or not newer than the last one."""
+    def add_attitude(self, t_s: float, world_from_body_wxyz: Vector, heading_rate_rad_s: float = math.nan) -> bool:
+        """Add a unit quaternion (4,); False when it is not finite or not newer than the last one.
+
+        Args:
+            t_s: time.
+            world_from_body_wxyz: attitude.
+            heading_rate_rad_s: as measured, clockwise from above; NaN where it is not known.
+        """
         norm = float(np.linalg.norm(world_from_body_wxyz))
         if not 0.5 < norm < 2.0:
             return False
         with self._lock:
-            return self._attitudes.add(t_s, np.asarray(world_from_body_wxyz, np.float64) / norm)
+            return self._attitudes.add(t_s, np.append(np.asarray(world_from_body_wxyz) / norm, heading_rate_rad_s))
 
     def keep_for(self, keep_s: float) -> None:
         """Keep more of the past from now on: a flight's poses are wanted until its end."""
@@ -124,7 +135,7 @@ class PoseBuffer:
         # Not the segment's own derivative, which would be that of positions rounded to a centimetre.
         velocity = (1.0 - part) * before[3:] + part * after[3:]
         a0, a1, q0, q1 = attitude
-        turned = slerp((t_s - a0) / (a1 - a0) if a1 > a0 else 0.0, q0, q1)
+        turned = slerp((t_s - a0) / (a1 - a0) if a1 > a0 else 0.0, q0[:4], q1[:4])
         return Pose(t_s, place, velocity, turned, position_covariance_m2, attitude_covariance_rad2)
 
 
@@ -138,9 +149,7 @@ class _Stream:
         self._max = max_messages
 
     def add(self, t_s: float, value: Vector) -> bool:
-        if not (math.isfinite(t_s) and bool(np.isfinite(value).all())):
-            return False
-        if self.times and t_s <= self.times[-1]:
+        if not math.isfinite(t_s) or (self.times and t_s <= self.times[-1]):
             return False
         self.times.append(t_s)
         self.values.append(value)
@@ -232,6 +241,17 @@ def world_from_body(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Vector
     z = cr * cp * sy - sr * sp * cy
     s = math.sqrt(0.5)
     return np.array([-s * (x + y), s * (w + z), s * (w - z), s * (y - x)])
+
+
+def heading_rate(roll_rad: float, pitch_rad: float, rates_rad_s: tuple[float, float]) -> float:
+    """How fast the heading turns by ATTITUDE's `pitchspeed` and `yawspeed` (about the body's axes), rad/s; NaN upright.
+
+    The kinematics of Z-Y-X angles (Diebel, Representing Attitude, 2006).
+    """
+    level = math.cos(pitch_rad)
+    about_right, about_down = rates_rad_s
+    turn = about_right * math.sin(roll_rad) + about_down * math.cos(roll_rad)
+    return turn / level if abs(level) > _UPRIGHT and math.isfinite(turn) else math.nan
 
 
 def heading(world_from_body_wxyz: Vector) -> float:

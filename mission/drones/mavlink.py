@@ -30,7 +30,7 @@ from mission.drones.url import mavsdk_url
 from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState, on_earth
 from mission.errors import LinkError
 from mission.geodesy import geodetic_to_enu
-from mission.pose import Pose, PoseAt, PoseBuffer, world_from_body
+from mission.pose import Pose, PoseAt, PoseBuffer, heading_rate, world_from_body
 from mission.pose_history import PoseHistory
 from mission.pose_steps import Steps
 from mission.records import GeodeticOrigin, NoiseModel
@@ -255,7 +255,8 @@ class MavlinkDrone(PilotedDrone):
         if name == "ATTITUDE":
             if not all(map(math.isfinite, (message.roll, message.pitch, message.yaw))):
                 return
-            self._poses.add_attitude(boot_s, world_from_body(message.roll, message.pitch, message.yaw))
+            turn = heading_rate(message.roll, message.pitch, (message.pitchspeed, message.yawspeed))
+            self._poses.add_attitude(boot_s, world_from_body(message.roll, message.pitch, message.yaw), turn)
         elif on_earth(message.lat, message.lon):
             self._take_position(message, boot_s, arrived_s)
 

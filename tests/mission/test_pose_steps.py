@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mission.pose import PoseBuffer, heading, world_from_body
+from mission.pose import PoseBuffer, heading, heading_rate, world_from_body
 from mission.pose_steps import level_headings, level_positions
 from mission.records import Matrix, NoiseModel, Vector
 
@@ -28,6 +28,11 @@ def flown() -> Matrix:
 
 def attitudes(yaw_rad: Vector) -> Matrix:
     return np.array([world_from_body(0.05, -0.02, float(yaw)) for yaw in yaw_rad])
+
+
+def unmeasured(yaw_rad: Vector) -> Matrix:
+    """Attitudes without a measured rate."""
+    return np.column_stack((attitudes(yaw_rad), np.full(len(yaw_rad), np.nan)))
 
 
 @pytest.mark.parametrize("length_m", [0.3, 1.0, 3.0, 12.0])
@@ -63,14 +68,49 @@ def test_a_velocity_that_is_reset_with_the_position_does_no_harm() -> None:
 def test_a_heading_step_is_undone(step_deg: float) -> None:
     yaw = 0.8 * np.sin(0.7 * T_S)
     reported = yaw + np.where(T_S >= 3.0, math.radians(step_deg), 0.0)
-    level, steps = level_headings(T_S, attitudes(reported))
+    level, steps = level_headings(T_S, unmeasured(reported))
     assert steps == pytest.approx([math.radians(abs(step_deg))], abs=0.02)
-    found = np.unwrap([heading(q) for q in level])
+    found = np.unwrap([heading(q[:4]) for q in level])
     np.testing.assert_allclose(found - found[-1], yaw - yaw[-1], atol=0.02)
 
 
+@pytest.mark.parametrize("step_deg", [5.0, 10.0, -45.0, 90.0])
+@pytest.mark.parametrize("parts", [1, 2, 3])
+@pytest.mark.parametrize("rate_hz", [50.0, 25.0, 10.0])
+def test_a_heading_step_that_the_measured_rate_does_not_explain_is_undone(
+    step_deg: float, parts: int, rate_hz: float
+) -> None:
+    t_s = np.arange(0.0, 8.0, 1.0 / rate_hz)
+    yaw, rate = 0.8 * np.sin(0.7 * t_s), 0.56 * np.cos(0.7 * t_s)
+    share = np.clip((np.arange(len(t_s)) - len(t_s) // 2) / parts, 0.0, 1.0)
+    reported = np.column_stack((attitudes(yaw + share * math.radians(step_deg)), rate))
+    level, steps = level_headings(t_s, reported)
+    assert steps == pytest.approx([math.radians(abs(step_deg))], abs=0.02)
+    found = np.unwrap([heading(q[:4]) for q in level])
+    np.testing.assert_allclose(found - found[-1], yaw - yaw[-1], atol=0.02)
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 10.0])
+def test_a_fast_turn_at_its_measured_rate_is_no_step(rate_hz: float) -> None:
+    t_s = np.arange(0.0, 8.0, 1.0 / rate_hz)
+    values = np.column_stack((attitudes(2.0 * np.sin(1.5 * t_s)), 3.0 * np.cos(1.5 * t_s)))
+    assert len(level_headings(t_s, values)[1]) == 0
+
+
+def test_the_rate_of_the_heading_follows_from_the_body_rates() -> None:
+    """Against the attitude's own change; banked and pitched."""
+    roll, pitch, dt = 0.3, -0.2, 1e-5
+    roll_rate, pitch_rate, yaw_rate = 0.2, -0.4, 0.7
+    q = pitch_rate * math.cos(roll) + yaw_rate * math.sin(roll) * math.cos(pitch)
+    r = -pitch_rate * math.sin(roll) + yaw_rate * math.cos(roll) * math.cos(pitch)
+    assert heading_rate(roll, pitch, (q, r)) == pytest.approx(yaw_rate)
+    after = world_from_body(roll + roll_rate * dt, pitch + pitch_rate * dt, 1.0 + yaw_rate * dt)
+    turned = heading(after) - heading(world_from_body(roll, pitch, 1.0))
+    assert turned / dt == pytest.approx(yaw_rate, abs=1e-4)
+
+
 def test_a_fast_turn_is_no_step() -> None:
-    _, steps = level_headings(T_S, attitudes(np.clip(1.5 * (T_S - 2.0), 0.0, 2.0)))
+    _, steps = level_headings(T_S, unmeasured(np.clip(1.5 * (T_S - 2.0), 0.0, 2.0)))
     assert len(steps) == 0
 
 
@@ -91,3 +131,9 @@ def test_the_buffer_tells_what_it_undid_since_an_order() -> None:
     assert before is not None
     assert after is not None
     assert after.position_enu_m[0] - before.position_enu_m[0] == pytest.approx(0.5, abs=0.05)
+
+
+def test_one_missing_rate_makes_no_steps() -> None:
+    values = np.column_stack((attitudes(0.8 * np.sin(0.7 * T_S)), 0.56 * np.cos(0.7 * T_S)))
+    values[100, 4] = math.nan
+    assert len(level_headings(T_S, values)[1]) == 0
