@@ -2,8 +2,9 @@
 
 FFmpeg takes user names, passwords and tokens in any part of an address, cameras invent forms of their own, and people
 mistype. So nothing is shown that is not known to be harmless: of the part before an ``@`` nothing, of a query only
-names that are listed here, and nothing behind the name of a secret in a path. A secret that is itself a plain part of
-a path (``rtmp://host/live/SECRET``) cannot be told from a stream's name, and is shown.
+names that are listed here, in a path nothing behind the name of a secret, nothing that looks like a token, and no
+stream key of RTMP. Any other plain part of a path (``rtsp://host/SECRET``) cannot be told from a stream's name, and is
+shown.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ FROM_INPUT: Final = "-"
 
 _COLON: Final = r"(?::|%(?:25)*3[aA])"
 _SLASH: Final = r"(?:/|%(?:25)*2[fF])"
-_AT: Final = re.compile(r"@|%(?:25)*40")
+_AT: Final = re.compile(r"[@\uff20\ufe6b]|%(?:25)*40")
 _SCHEME: Final = re.compile(rf"[A-Za-z][A-Za-z0-9+.\-]*{_COLON}{_SLASH}{{2}}")
 _HAS_COLON: Final = re.compile(_COLON)
 _END_OF_HOST: Final = re.compile(rf"[?#\\]|{_SLASH}")
@@ -26,6 +27,16 @@ _SECRET_NAME: Final = re.compile(
     r"(?i)((?:us(?:e?r|rname)|log[io]n|acc(?:ou)?nt|pass|pwd|psw|pw|token|auth|key|secret|sess|sig|cred)"
     r"[A-Za-z0-9_.\-]*?(?:=|%(?:25)*3D))[^/?#\s]+"
 )
+_AFTER_SLASH: Final = r"(?:(?<=/)|(?<=%2[fF]))"
+_SECRET_FOLDER: Final = re.compile(
+    rf"(?i){_AFTER_SLASH}(pass(?:word|wd|phrase)?|pwd|psw|(?:access_?)?token|auth|(?:stream_?|api_?)?key|secret|session)"
+    rf"({_SLASH})[^/?#%\s]+"
+)
+_TOKEN: Final = re.compile(
+    rf"{_AFTER_SLASH}(?=[A-Za-z]*[0-9])(?=[0-9a-z]*[A-Z])(?=[0-9A-Z]*[a-z])[A-Za-z0-9]{{16,}}(?=$|[/?#%'\"\s])"
+)
+"""Part of a path with digits, capital and small letters, as cameras and recorders draw them by lot."""
+_STREAM_KEY: Final = re.compile(rf"(?i)^(rtmp[a-z]*{_COLON}{_SLASH}{{2}}[^/]+/.*/)[^/]+$")
 _HARMLESS: Final = frozenset(
     {
         # mission.drones.ardrone.url
@@ -48,6 +59,8 @@ _HARMLESS: Final = frozenset(
 )
 """Names in a query whose values are shown."""
 _HARMLESS_PAIR: Final = re.compile(r"([A-Za-z_]+)=[A-Za-z0-9_.,:\[\]\-]*")
+_SPACED_LOGIN: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.\-]*://)[^/@\s:]*:[^/@\n]*? [^/@\n]*@(?=[\w\[])")
+"""In a sentence: user and a password with blanks in it."""
 _TRAILING: Final = re.compile(r"[)\]>'\"`.,;:!]*$")
 
 
@@ -62,9 +75,9 @@ def shown_address(address: str) -> str:
     head, rest = address[:start], _without_user(address[start:], after_scheme=scheme is not None)
     query = _QUERY.search(rest)
     if query is None:
-        return head + _SECRET_NAME.sub(rf"\1{HIDDEN}", rest)
+        return _shown_path(head + rest)
     path, mark, pairs = rest[: query.start()], query[0], rest[query.end() :]
-    return head + _SECRET_NAME.sub(rf"\1{HIDDEN}", path) + mark + _shown_query(pairs)
+    return _shown_path(head + path) + mark + _shown_query(pairs)
 
 
 def has_secret(address: str) -> bool:
@@ -74,7 +87,7 @@ def has_secret(address: str) -> bool:
 
 def without_secrets(text: str) -> str:
     """A message with each of its words that is an address as `shown_address` shows it: the second net."""
-    return re.sub(r"\S+", lambda word: _shown_word(word[0]), text)
+    return re.sub(r"\S+", lambda word: _shown_word(word[0]), _SPACED_LOGIN.sub(rf"\1{HIDDEN}@", text))
 
 
 def _shown_word(word: str) -> str:
@@ -100,6 +113,14 @@ def _without_user(rest: str, *, after_scheme: bool) -> str:
     if in_host or _HAS_COLON.search(rest, 0, ats[-1].start()) is not None:
         return f"{HIDDEN}@{rest[ats[-1].end() :]}"
     return rest
+
+
+def _shown_path(address: str) -> str:
+    shown = _SECRET_NAME.sub(rf"\1{HIDDEN}", address)
+    if _SCHEME.match(address) is None:
+        return shown  # a file's name is no token
+    shown = _SECRET_FOLDER.sub(rf"\1\2{HIDDEN}", shown)
+    return _STREAM_KEY.sub(rf"\1{HIDDEN}", _TOKEN.sub(HIDDEN, shown))
 
 
 def _shown_query(pairs: str) -> str:

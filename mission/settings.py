@@ -73,6 +73,12 @@ class VideoSettings(_Section):
     )
     check_offset: bool = Field(True, description="measure the offset on each flight's first turn")
     open_timeout_s: float = Field(10.0, gt=0.0, le=120.0, description="how long to wait for the first picture")
+    keep_open_s: float = Field(
+        60.0,
+        ge=0.0,
+        le=86400.0,
+        description="how long `serve` keeps it open after an order, so that the next need not wait",
+    )
 
 
 class CameraSettings(_Section):

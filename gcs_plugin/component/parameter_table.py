@@ -56,6 +56,7 @@ NOT_PARAMETERS: Final = frozenset(
         "link.release",
         "link.accept_failsafe",
         "video.url",
+        "video.keep_open_s",
         "camera.file",
         "camera.ignore_gimbal",
         "detect.detector",

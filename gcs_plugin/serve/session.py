@@ -7,6 +7,7 @@ looking for people, writing pictures) is done in other threads meanwhile.
 from __future__ import annotations
 
 import logging
+import traceback
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
@@ -29,15 +30,16 @@ from gcs_plugin.push_back import WORDS, PushBack, What
 from gcs_plugin.serve.follow import Choose, Following, next_candidate
 from gcs_plugin.serve.report import Report
 from gcs_plugin.serve.workers import in_the_background
+from mission.addresses import without_secrets
 from mission.camera import Camera
 from mission.detect import Detector, choose
 from mission.drones.drone import Drone
 from mission.errors import FlightEnded, FlightRefused, LinkError, SidestepError
 from mission.located import TargetChoice
 from mission.pointing import Pointing, TargetTracker
-from mission.settings import MissionSettings
+from mission.settings import CameraSettings, MissionSettings, VideoSettings
 from mission.track import Tracker
-from mission.video import VideoSource
+from mission.video import VideoSource, VideoState
 
 _logger = logging.getLogger(__name__)
 Result = TypeVar("Result")
@@ -46,6 +48,8 @@ IDLE_WAIT_S: Final = 0.1
 BUSY_WAIT_S: Final = 0.05
 LAST_PATIENCE_S: Final = 3.0
 """For what is being written when the program is to end: MAVProxy gives it four seconds."""
+LONG_WAIT_S: Final = 2.0
+"""From then on the operator is told what the video's opening waits for."""
 FRESH_S: Final = 2.0
 """A target that was tracked this recently is still the one that is meant."""
 
@@ -90,6 +94,8 @@ class Session:
         self._link = link
         self._component = component
         self._view: tuple[VideoSource, Camera] | None = None
+        self._opened_with: tuple[VideoSettings, CameraSettings] | None = None
+        self._needed_s = 0.0
         self._target: Seen | None = None
         self._geotag: Geotag | None = None
         self._told = False
@@ -106,7 +112,7 @@ class Session:
                 self._look_after_the_link()
                 if order is not None:
                     self._carry_out(order)
-                elif self._view is not None:
+                elif self._view is not None and self._idle_s() >= self._component.settings.video.keep_open_s:
                     self._close_video()
         finally:
             self._close_video()
@@ -141,11 +147,12 @@ class Session:
             self._say(str(error))
             if not self._told:
                 self._component.say(error.cause)
-        except Exception:  # a fault of the program in one order must not take the others' answers, nor the component
-            _logger.exception("the order failed")
+        except Exception:  # noqa: BLE001  # a fault in one order must not take the others' answers, nor the component
+            _logger.error("the order failed\n%s", without_secrets(traceback.format_exc()))
             self._component.say("internal error, see the log")
         finally:
             self._crew.abort.in_flight = False
+            self._needed_s = self._crew.times.clock()
             self._component.ended(result)
 
     def _result_of(self, error: SidestepError) -> int:
@@ -156,7 +163,7 @@ class Session:
 
     def _locate(self, order: Locate) -> None:
         settings, crew = self._component.settings, self._crew
-        self._component.say("order taken" if self._view else "order taken, opening the video")
+        self._component.say("order taken" if self._plays_as_set() else "order taken, opening the video")
         prepared = in_the_background(crew.log.prepare)
         video, camera = self._open_video()
         self._await(prepared)  # a log that takes no geotag is found before the flight
@@ -233,21 +240,38 @@ class Session:
         return self._stopped()
 
     def _open_video(self) -> tuple[VideoSource, Camera]:
-        if self._view is not None:
+        if self._view is not None and self._plays_as_set():
             return self._view
-        opening = in_the_background(partial(self._crew.open_camera, self._component.settings, self._say))
+        self._close_video()
+        settings, asked_s, told = self._component.settings, self._crew.times.clock(), False
+        opening = in_the_background(partial(self._crew.open_camera, settings, self._say))
         while not opening.done():
             self._component.step(BUSY_WAIT_S)
             self._drone.keep_alive()
+            if not told and self._crew.times.clock() - asked_s >= LONG_WAIT_S:
+                self._component.say("waiting for the camera's first picture")
+                self._say("still no picture: it begins at the camera's next key frame; let it send one every second")
+                told = True
             if self._stopped():
                 opening.add_done_callback(_close_unused)
                 raise FlightEnded("aborted by the operator")
-        self._view = opening.result()
+        self._view, self._opened_with = opening.result(), (settings.video, settings.camera)
         lens = self._view[1].intrinsics
         codec = self._view[0].stats().codec or self._component.picture.codec
-        told = replace(self._component.picture, width_px=lens.width_px, height_px=lens.height_px, codec=codec)
-        self._component.picture = told
+        picture = replace(self._component.picture, width_px=lens.width_px, height_px=lens.height_px, codec=codec)
+        self._component.picture = picture
         return self._view
+
+    def _idle_s(self) -> float:
+        return self._crew.times.clock() - self._needed_s
+
+    def _plays_as_set(self) -> bool:
+        """Whether the video is open, runs, and was opened with the settings of now."""
+        settings = self._component.settings
+        if self._view is None or self._opened_with != (settings.video, settings.camera):
+            return False
+        stats = self._view[0].stats()
+        return stats.state is VideoState.PLAYING and (stats.last_frame_age_s or 0.0) < FRESH_S
 
     def _close_video(self) -> None:
         if self._view is not None:

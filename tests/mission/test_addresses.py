@@ -42,6 +42,12 @@ SPELLINGS = [
     "srt://camera:9000?mode=caller&passphrase=s3cr3t",
     "https://camera/hls;token=s3cr3t/live.m3u8",
     "udpout://pilot:s3cr3t@10.0.0.2:14550",
+    "rtsp://pilot:s3cr3t\uff20camera/live",
+    "http://camera/token/s3cr3t/live.m3u8",
+    "http://camera/API_KEY/s3cr3t",
+    "rtsps://camera:7441/aBs3cr3t45fGhI78",
+    "rtsps://camera:7441/aBs3cr3t45fGhI78?enableSrtp",
+    "rtmp://camera/live/s3cr3t",
     "ardrone://pilot:s3cr3t@192.168.1.1",
 ]
 HARMLESS = [
@@ -51,6 +57,9 @@ HARMLESS = [
     "udp://239.1.1.1:5600?localaddr=10.0.0.2&pkt_size=1316",
     "rtsp://[fe80::1]:554/Streaming/Channels/101",
     "rtsp://192.168.0.10:8554/main.264",
+    "rtsp://192.168.0.10/h264Preview_01_main",
+    "rtsp://192.168.0.10/Streaming/tracks/key.264",
+    "/home/me/aB12cD34eF56gH78/flight.mp4",
     "session.sdp",
     "/dev/video0",
     "flight/%04d.png",
@@ -66,7 +75,7 @@ def test_the_password_is_not_shown_in_any_spelling(address: str) -> None:
     assert has_secret(address)
 
 
-@pytest.mark.parametrize("address", [a for a in SPELLINGS if " " not in a])
+@pytest.mark.parametrize("address", SPELLINGS)
 def test_neither_in_a_sentence_nor_in_an_error(address: str) -> None:
     assert "s3cr3t" not in without_secrets(f"The video '{address}' is away: look at {address}.")
     error = VideoError(f"No video arrives at {address}", f"Is {address!r} right?")

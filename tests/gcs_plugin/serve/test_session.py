@@ -12,6 +12,7 @@ from threading import Event
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import all as mavlink
 from rich.console import Console
 
 from gcs_plugin.answer import Times
@@ -25,7 +26,7 @@ from mission.errors import LinkError, VideoError
 from mission.records import Frame
 from mission.settings import AnswerSettings, AuthoritySettings, MissionSettings, VideoSettings
 from mission.track import Track
-from mission.video import VideoSource
+from mission.video import VideoSource, VideoState, VideoStats
 from tests.gcs_plugin.component.bench import PICTURE, Bench, Wire
 from tests.mission.fakes import CAMERA, FakeDrone, FakeVideo, Sight, Walker
 
@@ -70,11 +71,11 @@ ADDRESS = "rtsp://pilot:s3cr3t@camera/live?token=s3cr3t"
 class Service(Bench):
     """A session, with a station that gives orders at chosen times of the flight."""
 
-    def __init__(self, folder: Path, walker: Walker | None = None) -> None:
+    def __init__(self, folder: Path, walker: Walker | None = None, keep_open_s: float = 0.0) -> None:
         answer = AnswerSettings(folder=folder, roi="on-request", waypoint="never")
         settings = MissionSettings(
             answer=answer,
-            video=VideoSettings(url=ADDRESS, check_offset=False),
+            video=VideoSettings(url=ADDRESS, check_offset=False, keep_open_s=keep_open_s),
             authority=AuthoritySettings(flights_per_minute=60.0),
         )
         super().__init__(settings)
@@ -99,6 +100,8 @@ class Service(Bench):
         self.said_before_opening = ""
         self.printed = StringIO()
         self.no_video: VideoError | None = None
+        self.camera_begins = Event()
+        self.camera_begins.set()
         self.crew = Crew(
             self.sight,
             GeotagLog(self.log),
@@ -116,6 +119,10 @@ class Service(Bench):
     def at(self, seconds: float, act: Callable[[], object]) -> None:
         """Do something when the flight's time has come."""
         self.plans.append((self.drone.t_s + seconds, act))
+
+    def later(self, seconds: float) -> None:
+        """Let time go by in which nothing flies."""
+        self.drone.t_s += seconds
 
     def final(self) -> list[tuple[int, int]]:
         """Acknowledgements so far, without progress."""
@@ -135,6 +142,7 @@ class Service(Bench):
     def _open(self, settings: MissionSettings, warn: Callable[[str], None]) -> tuple[VideoSource, Camera]:
         self.opened += 1
         self.said_before_opening = "".join(m.text for m in self.wire.sent if m.get_type() == "STATUSTEXT")
+        assert self.camera_begins.wait(PATIENCE_S)
         if self.no_video is not None:
             raise self.no_video
         return self.video, CAMERA
@@ -147,6 +155,11 @@ class Video(FakeVideo):
         super().__init__(drone)
         self._service = service
         self.closed = 0
+        self.broken = False
+
+    def stats(self) -> VideoStats:
+        state = VideoState.RECONNECTING if self.broken else VideoState.PLAYING
+        return replace(super().stats(), state=state)
 
     def latest(self, after_index: int, timeout_s: float) -> Frame | None:
         frame = super().latest(after_index, timeout_s)
@@ -275,6 +288,53 @@ def test_the_order_is_confirmed_in_words_before_the_video_is_opened(service: Ser
     service.command(USER_1)
     service.serve(lambda: service.final() == [(USER_1, ACCEPTED)])
     assert "order taken, opening the video" in service.said_before_opening
+
+
+def test_the_next_order_finds_the_video_open_and_it_is_closed_when_no_order_comes(tmp_path: Path) -> None:
+    service = Service(tmp_path, keep_open_s=60.0)
+    service.command(USER_1)
+    service.serve(
+        lambda: service.video.closed == 1,
+        (lambda: len(service.final()) == 1, lambda: service.later(59.0)),
+        (lambda: True, lambda: service.command(USER_1)),
+        (lambda: len(service.final()) == 2, lambda: service.later(61.0)),
+    )
+    assert service.opened == 1
+    assert service.texts().count("opening the video") == 1
+
+
+def _no_longer_plays(service: Service) -> None:
+    service.video.broken = True
+
+
+def _another_camera(service: Service) -> None:
+    service.say(mavlink.MAVLink_param_set_message(1, 100, b"CAMERA_HFOV_DEG", 50.0, mavlink.MAV_PARAM_TYPE_REAL32))
+
+
+@pytest.mark.parametrize("change", [_no_longer_plays, _another_camera])
+def test_a_video_that_broke_or_is_set_otherwise_is_opened_again(
+    tmp_path: Path, change: Callable[[Service], None]
+) -> None:
+    service = Service(tmp_path, keep_open_s=60.0)
+    service.command(USER_1)
+    service.serve(
+        lambda: service.opened == 2,
+        (lambda: len(service.final()) == 1, lambda: change(service)),
+        (lambda: True, lambda: service.later(30.0)),
+        (lambda: True, lambda: service.command(USER_1)),
+    )
+    assert service.video.closed >= 1
+
+
+def test_an_operator_who_waits_for_the_first_picture_is_told_why(service: Service) -> None:
+    service.camera_begins.clear()
+    service.command(USER_1)
+    service.serve(
+        lambda: service.final() == [(USER_1, ACCEPTED)],
+        (lambda: service.opened == 1, lambda: service.later(2.1)),
+        (lambda: "waiting for the camera's first picture" in service.texts(), service.camera_begins.set),
+    )
+    assert "let it send one every second" in service.printed.getvalue()
 
 
 def test_the_videos_password_is_in_no_file_message_or_line_of_a_flight(service: Service, tmp_path: Path) -> None:
