@@ -17,7 +17,7 @@ from sitl.accuracy.closed_loop import ClosedLoop, FlownRow, flight_name, fly_row
 from sitl.accuracy.figure import write_figure
 from sitl.accuracy.flown_log import FlownLog
 from sitl.accuracy.people_command import FLIGHTS as PEOPLE_FLIGHTS
-from sitl.accuracy.people_command import GEOMETRIES, people_setting, run_people
+from sitl.accuracy.people_command import GEOMETRIES, people_setting, refuse_unused, run_people
 from sitl.accuracy.programme import METHODS, Figures, accuracy, solutions, write_csv
 from sitl.accuracy.rows import PATTERNS, ROWS, PatternName, Row
 from sitl.accuracy.suite import SUITE_RUNS, suite, summary
@@ -35,6 +35,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command("accuracy")
     def run(
+        context: typer.Context,
         pattern: Annotated[str, typer.Option(help="One of: " + ", ".join(_NAMES) + ".")] = "out-and-back",
         flights: Annotated[
             int | None,
@@ -118,6 +119,7 @@ def register(app: typer.Typer) -> None:
         console = _console()
         if pattern not in _NAMES:
             raise typer.BadParameter(f"{pattern!r} is none of {', '.join(_NAMES)}", param_hint="--pattern")
+        refuse_unused(context, people=whole_suite and walks is not None and rendered is None)
         if drone == "ardrone":
             run_ardrone(console, row or [], report / "ardrone", noise)
             return
@@ -131,8 +133,10 @@ def register(app: typer.Typer) -> None:
         methods = _checked(method or [])
         rows = _rows(row or [])
         if walks is not None:
-            if not whole_suite or figure is not None:
-                raise typer.BadParameter("--walks belongs to --suite, without --figure", param_hint="--walks")
+            if not whole_suite:
+                raise typer.BadParameter("--walks belongs to --suite or --rendered", param_hint="--walks")
+            if len(methods) > 1:
+                raise typer.BadParameter("--walks is flown for one method at a time", param_hint="--method")
             _check_writable(output, "--output", ())
             setting = people_setting(
                 walks,
@@ -144,7 +148,8 @@ def register(app: typer.Typer) -> None:
                 class_height=class_height,
                 person_height_m=person_height_m,
             )
-            run_people(console, setting, flights or PEOPLE_FLIGHTS, seed, processes, output, _progress)
+            judge = methods[0] if methods else "batch"
+            run_people(console, setting, flights or PEOPLE_FLIGHTS, seed, processes, output, judge, _progress)
             return
         if whole_suite:
             if output is not None or figure is not None:

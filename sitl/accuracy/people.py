@@ -17,9 +17,8 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from mission.errors import EstimateRefused
-from mission.estimate import ESTIMATORS
 from sitl.accuracy.people_flights import PeopleSetting, people_flight
-from sitl.accuracy.programme import INSIDE_CHI2, squared_miss
+from sitl.accuracy.programme import INSIDE_CHI2, METHODS, squared_miss
 
 _NICENESS = 10
 _CHUNK = 5
@@ -28,7 +27,7 @@ _NUMBER = re.compile(r"-?\d+(\.\d+)?")
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the default method made of one flight."""
+    """What a method made of one flight."""
 
     number: int
     name: str
@@ -45,11 +44,11 @@ class Verdict:
     model: str
 
 
-def judge(setting: PeopleSetting, seed: int, number: int) -> Verdict:
+def judge(setting: PeopleSetting, seed: int, number: int, method: str = "batch") -> Verdict:
     """Fly and estimate one."""
     sim = people_flight(setting, seed, number)
     try:
-        estimate = ESTIMATORS["batch"].estimate(sim.flight)
+        estimate = METHODS[method].estimate(sim.flight)
     except EstimateRefused as error:
         return Verdict(number, sim.flight.id, sim.depth_m, str(error), None, None, None, "")
     sigma = None if estimate.covariance is None else np.sqrt(np.linalg.eigvalsh(estimate.covariance[:2, :2])[-1])
@@ -72,6 +71,7 @@ def judged(
     *,
     processes: int = 0,
     first: int = 0,
+    method: str = "batch",
     tell: Callable[[], None] | None = None,
 ) -> Iterator[Verdict]:
     """All flights in turn; what a flight is depends on its number and the seed only.
@@ -82,17 +82,19 @@ def judged(
         seed: of the campaign.
         processes: how many at once; 0 is one a core, 1 is this one.
         first: number of the first flight.
+        method: the estimator, out of `METHODS`.
         tell: called after each flight.
     """
     numbers = range(first, first + flights)
     if processes == 1:
         for number in numbers:
-            yield judge(setting, seed, number)
+            yield judge(setting, seed, number, method)
             if tell is not None:
                 tell()
         return
     with ProcessPoolExecutor(processes or os.cpu_count(), get_context("spawn"), os.nice, (_NICENESS,)) as pool:
-        for verdict in pool.map(judge, *zip(*((setting, seed, k) for k in numbers), strict=True), chunksize=_CHUNK):
+        flown = zip(*((setting, seed, k, method) for k in numbers), strict=True)
+        for verdict in pool.map(judge, *flown, chunksize=_CHUNK):
             yield verdict
             if tell is not None:
                 tell()

@@ -17,6 +17,34 @@ from sitl.accuracy.people_flights import POOR, Geometry, HeightPrior, PeopleSett
 
 FLIGHTS = 200
 GEOMETRIES: tuple[str, ...] = (*get_args(Geometry), "poor")
+_ONLY_PEOPLE = (
+    "geometry",
+    "noise_scale",
+    "heading_bias_deg",
+    "height_prior",
+    "class_height",
+    "person_height_m",
+    "processes",
+)
+_NOT_PEOPLE = ("pattern", "row", "least_squares_flights", "figure", "closed_loop", "repeats", "report", "scene")
+
+
+def refuse_unused(context: typer.Context, *, people: bool) -> None:
+    """Refuse options that were given and would change nothing.
+
+    Args:
+        context: of the command.
+        people: whether `--suite --walks` is flown.
+
+    Raises:
+        BadParameter: the first such option.
+    """
+    for name in _NOT_PEOPLE if people else _ONLY_PEOPLE:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            option = "--" + name.replace("_", "-")
+            remedy = "leave it out with --suite --walks" if people else "it belongs to --suite --walks"
+            raise typer.BadParameter(f"nothing would change: {remedy}", param_hint=option)
 
 
 def people_setting(
@@ -43,6 +71,7 @@ def people_setting(
     kinds: tuple[Geometry, ...] = POOR if path == "poor" else tuple(g for g in get_args(Geometry) if g == path)
     prior: HeightPrior = _word(height_prior, get_args(HeightPrior), "--height-prior")
     usual: ClassHeight = _word(class_height, get_args(ClassHeight), "--class-height")
+    _word(noise, ("good", "wide"), "--noise")
     if noise == "wide" and noise_scale != 1.0:
         raise typer.BadParameter("--noise wide draws the scale itself", param_hint="--noise-scale")
     return PeopleSetting(
@@ -64,6 +93,7 @@ def run_people(
     seed: int,
     processes: int,
     output: Path | None,
+    method: str,
     progress: Callable[[int], AbstractContextManager[tuple[object, Callable[[], None]]]],
 ) -> None:
     """Fly the campaign and print its figures and the reasons of refusals.
@@ -75,11 +105,12 @@ def run_people(
         seed: of all randomness.
         processes: how many at once; 0 is one a core.
         output: gets a line for each flight.
+        method: the estimator.
         progress: a bar for so many flights.
     """
     with progress(flights) as (_, tell):
-        verdicts = list(judged(setting, flights, seed, processes=processes, tell=tell))
-    said = [f"walks {setting.walks}", "geometry " + ", ".join(setting.geometry)]
+        verdicts = list(judged(setting, flights, seed, processes=processes, method=method, tell=tell))
+    said = [method, f"walks {setting.walks}", "geometry " + ", ".join(setting.geometry)]
     said.append("noise wide" if setting.wide else f"noise x{setting.noise_scale:g}")
     said.append(f"heading bias {math.degrees(setting.heading_bias_rad):g} deg")
     said.append(f"height prior {setting.height_prior}, class height {setting.class_height}, seed {seed}")

@@ -65,11 +65,17 @@ def checked_walks(name: str) -> str:
     if name in ("real-like", "straight", *KINDS):
         return name
     kind, _, psd = name.partition(":")
-    if kind == "random-walk":
-        value = float(psd)
-        if math.isfinite(value) and value >= 0.0:
-            return name
+    if kind == "random-walk" and 0.0 <= _number(psd) < math.inf:
+        return name
     raise ValueError(f"{name!r} is none of real-like, straight, {', '.join(KINDS)}, random-walk:PSD")
+
+
+def _number(text: str) -> float:
+    """The number that a text says; NaN when it says none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def people_flight(setting: PeopleSetting, seed: int, number: int) -> SimulatedFlight:

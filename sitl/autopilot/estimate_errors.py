@@ -108,14 +108,17 @@ def preset_of(name: NoiseName, seed: int) -> NoisePreset:
 
 
 def drawn_preset(rng: np.random.Generator) -> NoisePreset:
-    """An autopilot that nobody was told about: levels and times about the middle of `good` and `rough`."""
+    """An autopilot that nobody was told about: somewhere from `good` to `rough` in each error, and far beyond both."""
     good, rough = PRESETS["good"], PRESETS["rough"]
 
+    def between(one: float, other: float) -> float:
+        return factor(rng, (min(one, other), max(one, other)))
+
     def level(one: float, other: float) -> float:
-        return math.sqrt(one * other) * factor(rng, LEVEL_RANGE)
+        return between(one, other) * factor(rng, LEVEL_RANGE)
 
     def wander(one: Wander, other: Wander) -> Wander:
-        tau = math.sqrt(one.tau_s * other.tau_s) * factor(rng, TIME_RANGE)
+        tau = between(one.tau_s, other.tau_s) * factor(rng, TIME_RANGE)
         return Wander(level(one.sigma, other.sigma), tau, 1 if rng.random() < 0.5 else 2)
 
     claim = factor(rng, CLAIM_RANGE)

@@ -100,6 +100,20 @@ def test_the_command_prints_figures_and_writes_flights(tmp_path: Path) -> None:
         assert len(list(csv.DictReader(stream))) == 4
 
 
+def test_another_method_is_judged_on_the_same_flights() -> None:
+    setting = PeopleSetting("turns")
+    batch, straight = (list(judged(setting, 2, 1, processes=1, method=m)) for m in ("batch", "constant-velocity"))
+    assert [v.depth_m for v in batch] == [v.depth_m for v in straight]
+    assert all(a.squared != b.squared for a, b in zip(batch, straight, strict=True))
+
+
+def test_the_command_says_which_method_it_judged() -> None:
+    options = ["--walks", "calm", "--flights", "2", "--processes", "1", "--method", "constant-velocity"]
+    result = run("--suite", *options)
+    assert result.exit_code == 0, result.output
+    assert "constant-velocity; walks calm" in result.output
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -108,6 +122,17 @@ def test_the_command_prints_figures_and_writes_flights(tmp_path: Path) -> None:
         ["--suite", "--walks", "calm", "--geometry", "circle"],
         ["--suite", "--walks", "calm", "--height-prior", "tall"],
         ["--suite", "--walks", "calm", "--noise", "wide", "--noise-scale", "2"],
+        ["--suite", "--walks", "calm", "--noise", "rough"],
+        ["--suite", "--walks", "calm", "--noise", "wild"],
+        ["--suite", "--walks", "calm", "--pattern", "S"],
+        ["--suite", "--walks", "calm", "--row", "parallel:9"],
+        ["--suite", "--walks", "calm", "--closed-loop"],
+        ["--suite", "--walks", "calm", "--scene", "night"],
+        ["--suite", "--walks", "calm", "--method", "batch", "--method", "classical"],
+        ["--suite", "--walks", "random-walk:fast"],
+        ["--suite", "--noise-scale", "2"],
+        ["--rendered", "1", "--walks", "turns", "--geometry", "one-way"],
+        ["--geometry", "poor"],
     ],
 )
 def test_what_cannot_be_flown_is_refused_before_it_is(options: list[str]) -> None:

@@ -116,6 +116,11 @@ def test_what_is_reported_is_the_truth_with_these_errors_and_the_aircraft_flies_
 def test_wide_autopilots_differ_from_flight_to_flight_and_from_both_presets() -> None:
     drawn = [preset_of("wide", seed) for seed in range(200)]
     assert drawn[3] == preset_of("wide", 3)
+    good, rough = PRESETS["good"], PRESETS["rough"]
+    for name in ("horizontal", "vertical", "horizontal_velocity", "vertical_velocity", "roll", "pitch", "heading"):
+        levels = np.array([getattr(preset, name).sigma for preset in drawn])
+        assert levels.min() < 0.7 * getattr(good, name).sigma, name
+        assert levels.max() > 1.7 * getattr(rough, name).sigma, name
     headings = np.array([p.heading.sigma for p in drawn])
     assert headings.max() > 8.0 * headings.min()
     times = np.array([p.horizontal.tau_s for p in drawn])
