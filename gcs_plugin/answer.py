@@ -145,24 +145,22 @@ class Answer:
         self._say_result(site.estimate)
         self._timing["last_frame_to_answer_s"] = self._times.clock() - located.last_frame_s
 
-    def keep(self, located: Located, over: Callable[[], str]) -> None:
-        """Store the answer, then give it to the autopilot; in another thread, while the flight is watched.
-
-        Args:
-            located: the answer that was told.
-            over: why the flight is over, as soon as it is: the answer is stored all the same, and nothing more is sent.
-        """
+    def keep(self, located: Located) -> None:
+        """Store the answer that was told; in another thread, while the flight is watched."""
         if self.geotag is not None:
             self._store(self.geotag)
         self._timing["last_frame_to_geotag_s"] = self._times.clock() - located.last_frame_s
-        self._give_back("roi", located.ended or over())
-        self._timing["last_frame_to_roi_s"] = self._times.clock() - located.last_frame_s
         self._attempt("ADSB marker", self._show_as_traffic)
         self._write_answer()
 
     def finish(self, located: Located) -> None:
-        """After the aircraft holds: the waypoint, the pictures, and what became of all that."""
+        """After the aircraft holds: the region of interest, the waypoint, the pictures, and what became of all that.
+
+        Not before it holds: ArduPilot forgets its region of interest at the next setpoint with a heading.
+        """
         self._outcome = replace(self._outcome, ended=located.ended)
+        self._give_back("roi", located.ended)
+        self._timing["last_frame_to_roi_s"] = self._times.clock() - located.last_frame_s
         self._give_back("waypoint", located.ended)
         self._try_again_to_log()
         self._write_answer()
@@ -190,6 +188,8 @@ class Answer:
             said = f"{error.cause}; target {self.geotag.number} stands"
             self._progress.say(said)
             self._outcome = replace(self._outcome, ended=error.cause)
+            self._give_back("roi", error.cause)
+            self._give_back("waypoint", error.cause)
             self._write_answer()
         if self._seen:
             seen = tuple(self._seen)

@@ -55,8 +55,6 @@ class FlightLoop:
         """Program time at which the newest frame was taken up."""
         self.ours = False
         """Whether the aircraft is under our control, as far as is known."""
-        self.over = ""
-        """What ended the flight while work went on in the other thread; empty as long as nothing did."""
         self._work: Future[Any] | None = None
 
     def fly(self, order: Order) -> None:
@@ -134,12 +132,10 @@ class FlightLoop:
         while not future.done():
             try:
                 self._check()
-            except Aborted as error:
-                self.over = error.cause
+            except Aborted:
                 raise
             except (FlightEnded, LinkError) as error:
                 ended = ended or error
-                self.over = ended.cause
             wait((future,), timeout=FRAME_WAIT_S)
         try:
             return future.result(), ended
@@ -149,7 +145,7 @@ class FlightLoop:
             raise type(ended)(f"{ended.cause}; {error.cause}", ended.remedy) from error
 
     def wait_for_work(self, timeout_s: float = 10.0) -> None:
-        """After an abort and the hold that followed: until the work in the other thread has seen `over` and ended."""
+        """After an abort and the hold that followed: until the work in the other thread has ended."""
         for _ in range(round(timeout_s / FRAME_WAIT_S)):
             if self._work is None or self._work.done():
                 return

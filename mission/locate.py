@@ -263,7 +263,7 @@ class Locate:
             self._watcher.stage(Stage.REPORT, f"the flight ended here ({ended.cause}); reporting what was seen")
         self._watcher.located(located)
         self._keeping = True
-        _, afterwards = self._loop.through(partial(self._watcher.keep, located, lambda: self._loop.over))
+        _, afterwards = self._loop.through(partial(self._watcher.keep, located))
         self._keeping = False
         return located if ended is not None or afterwards is None else replace(located, ended=afterwards.cause)
 

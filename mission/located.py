@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
@@ -87,11 +86,6 @@ class Watcher(Protocol):
         """The answer: tell it at once. Called in the flight's own loop like the others: nothing in it may wait."""
         ...
 
-    def keep(self, located: Located, over: Callable[[], str]) -> None:
-        """Store the answer that was told, and give it on. Called in another thread, where it may wait.
-
-        Args:
-            located: the answer.
-            over: why the flight is over (an abort, somebody else has the aircraft), as soon as it is; else empty.
-        """
+    def keep(self, located: Located) -> None:
+        """Store the answer that was told. Called in another thread, where it may wait."""
         ...

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 from gcs_plugin.component import CameraComponent
@@ -56,6 +55,6 @@ class Report:
         """The answer."""
         self._other.located(located)
 
-    def keep(self, located: Located, over: Callable[[], str]) -> None:
+    def keep(self, located: Located) -> None:
         """Store the answer."""
-        self._other.keep(located, over)
+        self._other.keep(located)

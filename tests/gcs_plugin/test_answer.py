@@ -65,10 +65,10 @@ class Reported:
             yield answer
             answer.close()
 
-    def run(self, found: Located, over: Callable[[], str] = lambda: "") -> Answer:
+    def run(self, found: Located) -> Answer:
         with self.answer() as answer:
             answer.located(found)
-            answer.keep(found, over)
+            answer.keep(found)
             if self.ended is None:
                 answer.finish(found)
             else:
@@ -233,7 +233,7 @@ def test_a_log_that_is_free_again_after_the_flight_gets_the_geotag(link: FakeLin
     with reported.answer() as answer:
         with contextmanager(lock)(reported.log):
             answer.located(found)
-            answer.keep(found, lambda: "")
+            answer.keep(found)
         answer.finish(found)
     assert reported.written()["outcome"]["logged"] is True
     assert "target 1 is in the log now" in reported.said.getvalue()
@@ -265,7 +265,7 @@ def test_an_abort_while_reporting_stores_the_answer_sends_nothing_more_and_says_
     link: FakeLink, tmp_path: Path
 ) -> None:
     reported = Reported(link, tmp_path, AnswerSettings(), ended=Aborted("aborted by the operator"))
-    answer = reported.run(located(), over=lambda: "aborted by the operator")
+    answer = reported.run(located())
     assert link.commands == []
     assert not any(name.startswith("MISSION") for name in reported.sent())
     assert [tag.number for tag in reported.log.read()] == [1]
@@ -294,6 +294,21 @@ def test_what_was_given_to_the_autopilot_stands_in_the_answer(link: FakeLink, tm
     assert outcome["region_of_interest"] == "set"
     assert outcome["waypoint"].startswith("appended to the mission as item 4")
     assert outcome["log"] == str(reported.log.path)
+
+
+def test_nothing_is_given_to_the_autopilot_before_it_holds(link: FakeLink, tmp_path: Path) -> None:
+    """ArduPilot forgets its region of interest at the next setpoint with a heading, and those go on until the hold."""
+    reported, found = (
+        Reported(link, tmp_path, AnswerSettings.model_validate({"roi": "automatic", "waypoint": "never"})),
+        located(),
+    )
+    with reported.answer() as answer:
+        answer.located(found)
+        answer.keep(found)
+        assert link.commands == []
+        answer.finish(found)
+    assert [command[0] for command in link.commands] == [mavlink.MAV_CMD_DO_SET_ROI_LOCATION]
+    assert reported.written()["outcome"]["region_of_interest"] == "set"
 
 
 def test_an_aircraft_whose_own_accuracy_is_unknown_does_not_make_the_circle_small(
