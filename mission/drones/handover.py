@@ -18,6 +18,7 @@ from mission.drones.vehicle import VehicleState
 _PATIENCE_S = 8.0
 _ASK_AGAIN_S = 0.7
 _CONFIRM_S = 3.0
+"""The longer patience holds on a link that loses packets: there an order is repeated at the pace of heartbeats."""
 _ON_ITS_WAY_S = 0.3
 """A report that comes sooner after an order may have left the autopilot before it."""
 _LATE_S = 1.5
@@ -53,7 +54,8 @@ class Entering:
         if vehicle.mode.kind == "offboard" and vehicle.mode_s is not None and vehicle.mode_s > self._began_s:
             return DONE
         self._complaint = controls.complaint() or self._complaint
-        if now_s - self._began_s > _CONFIRM_S:
+        lossy = controls.answer("mode", now_s) == "lossy"
+        if now_s - self._began_s > (_PATIENCE_S if lossy else _CONFIRM_S):
             why = f": {self._complaint}" if self._complaint else ": it does not answer"
             return Outcome(OrderState.REFUSED, f"the autopilot does not let us fly it{why}")
         if vehicle.mode == self._before and self._before.kind != "offboard":

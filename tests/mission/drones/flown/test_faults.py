@@ -150,7 +150,7 @@ def test_20_percent_packet_loss_is_flown_with_and_40_percent_is_not(fleet: Fleet
             bench.end_failsafe()
             text = ended_by_loss(bench)
         assert LOSS in text, text
-        # Hold is ordered again only after a heartbeat (1 Hz) says that it is still our mode: at 40 % that may take seconds.
+        # Hold is ordered again only after a heartbeat (1 Hz) has told our mode again: at 40 % that may take seconds.
         assert bench.until(lambda: bench.mode() in HOLDS or bool(bench.program.said("failsafe")), 12.0)
         assert bench.mode() in HOLDS or "did not confirm to hold" in str(bench.program.said("failsafe")[-1]["text"])
         assert bench.comes_to_rest()
