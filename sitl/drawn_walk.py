@@ -1,7 +1,7 @@
 """Walks drawn at random, as people walk: nobody keeps a straight line at constant speed for six seconds.
 
 A velocity is a preferred one plus a wander: a random walk per axis whose intensity differs from person to person (log
-normal, so that a few wander much) and that is drawn back to the preferred pace over some ten seconds. On top come the
+normal, so that a few wander much) and that is drawn back to the preferred pace over some seconds. On top come the
 sway of a body over its feet and what people do now and then: turn, stop, start, weave, give way, slow down for a
 greeting, crouch. The mixture `any` is held to the velocity semivariograms and to the deviations from straight lines
 that were measured of recorded pedestrians (tests/sitl/test_drawn_walk.py); each kind alone lies inside or beyond it.
@@ -30,31 +30,32 @@ WalkKind = Literal[
     "greeting",
     "crouching",
     "standing",
+    "running",
     "fast",
 ]
 KINDS: tuple[WalkKind, ...] = get_args(WalkKind)
 ANY_SHARES: Mapping[WalkKind, float] = {
-    "calm": 0.49,
+    "calm": 0.52,
     "wandering": 0.25,
-    "turns": 0.03,
-    "stops": 0.03,
+    "turns": 0.02,
+    "stops": 0.02,
     "starts": 0.02,
     "weaving": 0.02,
     "giving-way": 0.06,
-    "greeting": 0.03,
+    "greeting": 0.02,
     "crouching": 0.01,
     "standing": 0.06,
 }
 """How often each kind is met where nothing else is said."""
 
 _DT_S = 0.02
-_RECALL_S = 12.0
+_RECALL_S = 6.0
 """Over which the wander is drawn back to the preferred velocity."""
-_INTENSITY_SPREAD = 0.9
+_INTENSITY_SPREAD = 0.7
 """Standard deviation of the log of a person's intensity."""
-_CALM_PSD = 0.014
+_CALM_PSD = 0.028
 """Median intensity of most people, m2/s3 per axis."""
-_WANDERING_PSD = 0.022
+_WANDERING_PSD = 0.036
 _FACING_M_S = 0.2
 _EVENT_EVERY_S = 9.0
 """Mean time between two turns, stops and so on of somebody who does such things."""
@@ -174,6 +175,8 @@ def _met(rng: np.random.Generator) -> WalkKind:
 def _preferred_speed(kind: WalkKind, rng: np.random.Generator) -> float:
     if kind == "standing":
         return 0.0
+    if kind == "running":
+        return float(rng.uniform(2.5, 5.0))
     if kind == "fast":
         return float(rng.uniform(5.0, 9.0))
     if rng.random() < 0.12:
