@@ -69,5 +69,9 @@ class SightingsFormatError(InputError):
     """A sightings file does not follow its format; the message names file and line."""
 
 
+class LogError(InputError):
+    """A flight log or a video's metadata cannot be read, or holds too little to place a camera."""
+
+
 class AnswerError(SidestepError):
     """The answer could not be stored or sent."""
