@@ -6,6 +6,7 @@ taken for a setting. Paths in the file are relative to the file.
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path as FilePath
 from typing import Annotated, Literal, Self, get_args
@@ -15,6 +16,7 @@ from pydantic_core import ErrorDetails
 
 from mission.drones.drone import Bounds
 from mission.drones.limits import FlightSettings
+from mission.drones.pose_quality import COMPASS_SIGMA_RAD
 from mission.errors import SettingsError
 from mission.records import ClassHeight, TargetPrior
 from mission.settings_names import unknown_name
@@ -57,10 +59,20 @@ class LinkSettings(_Section):
         False, description="fly also where PX4 does not hold when setpoints stop (COM_OBL_RC_ACT other than 5)"
     )
 
+    compass_sigma_deg: float = Field(
+        math.degrees(COMPASS_SIGMA_RAD),
+        ge=0.1,
+        le=45.0,
+        description="1-sigma of the heading's constant error; smaller with two GPS antennas or a compass checked there",
+    )
+
     def flight(self) -> FlightSettings:
         """As the pilot process wants them."""
         return FlightSettings(
-            min_battery_fraction=self.min_battery, release=self.release, must_hold=not self.accept_failsafe
+            min_battery_fraction=self.min_battery,
+            release=self.release,
+            must_hold=not self.accept_failsafe,
+            compass_sigma_rad=math.radians(self.compass_sigma_deg),
         )
 
 

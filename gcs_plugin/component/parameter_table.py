@@ -55,6 +55,7 @@ NOT_PARAMETERS: Final = frozenset(
         "link.min_battery",
         "link.release",
         "link.accept_failsafe",
+        "link.compass_sigma_deg",
         "video.url",
         "video.keep_open_s",
         "camera.file",

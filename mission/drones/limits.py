@@ -11,6 +11,7 @@ import numpy as np
 from mission.drones.drone import Bounds, EventKind, Path
 from mission.drones.fence import Fence
 from mission.drones.path_follower import check_path, outside, setpoint_at
+from mission.drones.pose_quality import COMPASS_SIGMA_RAD
 from mission.drones.vehicle import VehicleState
 from mission.records import Vector
 
@@ -44,6 +45,8 @@ class FlightSettings:
     release: Literal["sticks", "hold"] = "sticks"
     """The mode in which control is given back on ArduPilot: one in which the pilot's sticks work (LOITER) where the
     throttle stick rests in the middle, or always one without sticks (BRAKE)."""
+    compass_sigma_rad: float = COMPASS_SIGMA_RAD
+    """Standard deviation of the constant error of the autopilot's heading."""
     must_hold: bool = True
     """No flight when the autopilot would do anything but hold after our setpoints have stopped."""
 

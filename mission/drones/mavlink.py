@@ -33,7 +33,7 @@ from mission.geodesy import geodetic_to_enu
 from mission.pose import Pose, PoseAt, PoseBuffer, heading_rate, world_from_body
 from mission.pose_history import PoseHistory
 from mission.pose_steps import Steps
-from mission.records import GeodeticOrigin, NoiseModel
+from mission.records import GeodeticOrigin, Matrix, NoiseModel
 
 PILOT_MODULE = "mission.drones.pilot"
 _LOG = logging.getLogger(__name__)
@@ -206,7 +206,7 @@ class MavlinkDrone(PilotedDrone):
             if not self._boot.ready:
                 return None
             boot_s = self._boot.to_remote(t_s)
-        pose = self._poses.at(boot_s, position_covariance(self._state), attitude_covariance(self._state))
+        pose = self._poses.at(boot_s, position_covariance(self._state), self._attitude_covariance())
         return None if pose is None else replace(pose, t_s=t_s)
 
     def poses(self) -> PoseAt:
@@ -214,11 +214,14 @@ class MavlinkDrone(PilotedDrone):
         with self._lock:
             boot, snapshot = deepcopy(self._boot), self._poses.snapshot()
         self._steps = snapshot.level(self._begun_boot_s)
-        return PoseHistory(snapshot, boot, position_covariance(self._state), attitude_covariance(self._state)).at
+        return PoseHistory(snapshot, boot, position_covariance(self._state), self._attitude_covariance()).at
 
     def noise(self) -> NoiseModel:
         """How good the poses of the last `poses` are within a pattern, see `mission.drones.pose_quality`."""
-        return self._steps.widened(noise_model(self._state))
+        return self._steps.widened(noise_model(self._state, self._flight.compass_sigma_rad))
+
+    def _attitude_covariance(self) -> Matrix:
+        return attitude_covariance(self._state, self._flight.compass_sigma_rad)
 
     def pose_note(self) -> str:
         """See `Drone.pose_note`."""
