@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +15,7 @@ from rich.table import Table
 from mission.errors import SettingsError
 from sitl.run import Result, fly
 from sitl.scenario import Scenario, check_scenario, read_scenario
-from sitl.score import Score
+from sitl.score import ELLIPSE_95, Score
 
 
 def register(app: typer.Typer) -> None:
@@ -98,7 +99,6 @@ def _print_result(console: Console, result: Result, folder: Path) -> None:
 
 def _rows(found: Score, answer: dict[str, object]) -> list[tuple[str, str, str, str]]:
     position, velocity = _numbers(answer["position_enu_m"]), _numbers(answer["velocity_enu_m_s"])
-    verdict = "inside" if found.inside_95 else "OUTSIDE"
     depth = f"{found.depth_m:.2f} m", f"{found.depth_truth_m:.2f} m", f"{found.depth_error_pct:.1f} %"
     place = _pair(position, "m"), _pair(found.truth_enu_m, "m"), f"{found.position_error_m:.2f} m"
     motion = (
@@ -106,12 +106,20 @@ def _rows(found: Score, answer: dict[str, object]) -> list[tuple[str, str, str, 
         _pair(found.truth_velocity_enu_m_s, "m/s"),
         f"{found.velocity_error_m_s:.2f} m/s",
     )
-    return [
+    rows = [
         ("depth at the first sighting", *depth),
         ("position east, north (last)", *place),
         ("velocity east, north", *motion),
-        ("1 sigma, 95 % ellipse", f"{found.sigma_m:.2f} m", "", verdict),
+        ("beside the drone: 95 % ellipse", _semi_axis(found), "", "inside" if found.inside_95 else "OUTSIDE"),
     ]
+    if found.earth_error_m is not None and found.ce90_m is not None:
+        told = "inside" if found.earth_error_m <= found.ce90_m else "OUTSIDE"
+        rows.append(("on the earth: CE90", f"{found.ce90_m:.2f} m", "", f"{found.earth_error_m:.2f} m, {told}"))
+    return rows
+
+
+def _semi_axis(found: Score) -> str:
+    return f"{math.sqrt(ELLIPSE_95) * found.sigma_m:.2f} m"
 
 
 def _print_table(console: Console, results: Sequence[Result]) -> None:

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ import numpy as np
 from mission.records import GeodeticOrigin, Matrix, Vector
 from sitl.external import ExternalAutopilot
 from sitl.scenario import Scenario
-from sitl.score import Score, score, truth_track
+from sitl.score import Score, earth_error_m, score, truth_track
 from sitl.simulation import Simulation, simulation
 
 FLIGHT_TIMEOUT_S = 150.0
@@ -128,6 +128,9 @@ def scored(running: Simulation, report: Path, exit_code: int, said: list[str]) -
         if scenario.vehicle.kind == "ardrone" and not scenario.ardrone.gps:
             origin = scenario.home.origin  # its frame is its own: it reckons from where it stood
         found = score(scenario, ring, answer, first, origin)
+        if "ce90_m" in content:
+            lat_deg, lon_deg, ce90_m = (float(str(content[name])) for name in ("lat_deg", "lon_deg", "ce90_m"))
+            found = replace(found, earth_error_m=earth_error_m(scenario, found, lat_deg, lon_deg), ce90_m=ce90_m)
         without = _estimated_again(folders[-1] / "as-reported.jsonl")
         if without is not None:
             _, _, reported = _first_sighting(folders[-1] / "as-reported.jsonl", str(without["id"]))

@@ -51,6 +51,11 @@ class Score:
     truth_enu_m: tuple[float, float, float]
     """The target at the last sighting, around the scenario's home."""
     truth_velocity_enu_m_s: tuple[float, float, float]
+    earth_error_m: float | None = None
+    """How far the place on the earth that was told is from the true one, at the last sighting; the aircraft's own
+    position error is in it. None for an answer in a local frame."""
+    ce90_m: float | None = None
+    """What was told with it: the circle that holds the true place in 90 % of flights."""
 
 
 def score(
@@ -103,6 +108,13 @@ def score(
         truth_enu_m=_triple(target_last),
         truth_velocity_enu_m_s=_triple(velocity),
     )
+
+
+def earth_error_m(scenario: Scenario, found: Score, lat_deg: float, lon_deg: float) -> float:
+    """Horizontal distance from a place on the earth (WGS84 degrees) to the true one, m."""
+    home = scenario.home
+    told = geodetic_to_enu(lat_deg, lon_deg, home.alt_m, home.origin)
+    return float(np.linalg.norm(told[:2] - np.array(found.truth_enu_m[:2])))
 
 
 def truth_track(
