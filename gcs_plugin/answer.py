@@ -18,6 +18,7 @@ from functools import partial
 
 from gcs_plugin.adsb import AdsbMirror
 from gcs_plugin.contact_sheet import contact_sheet
+from gcs_plugin.cot.publisher import TakPublisher
 from gcs_plugin.durable import write_whole
 from gcs_plugin.flight_folder import FlightFolder
 from gcs_plugin.geotags import Geotag, GeotagLog, Provenance, make_geotag
@@ -68,6 +69,7 @@ class Answer:
         progress: what the person at the terminal sees.
         provenance: where the geotag will say that it comes from.
         times: program time and UTC.
+        tak: shows target and drone on TAK maps; None for no such maps.
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class Answer:
         progress: Progress,
         provenance: Provenance,
         times: Times,
+        tak: TakPublisher | None = None,
     ) -> None:
         self._drone = drone
         self._link = link
@@ -89,6 +92,7 @@ class Answer:
         self._progress = progress
         self._provenance = provenance
         self._times = times
+        self._tak = tak
         self._push_back = None if link is None else PushBack(link, settings)
         self._texts = StatusTexts(link) if link is not None and settings.statustext else None
         self._stage: Stage | None = None
@@ -118,6 +122,8 @@ class Answer:
     def frame(self, frame: Frame, track: Track | None) -> None:
         """Tell the terminal, and keep a picture now and then in case the flight gives no answer."""
         self._progress.frame(frame, track)
+        if self._tak is not None:
+            self._tak.drone(self._drone)
         if track is not None and (not self._seen or frame.t_s - self._seen[-1].t_s >= SEEN_INTERVAL_S):
             self._seen.append(KeyFrame(frame.image.copy(), frame.t_s, track))
 
@@ -142,6 +148,8 @@ class Answer:
             self._link.send(
                 camera_tracking_geo_status(site.estimate, origin, site.drone_enu_m, geoid_separation_m=separation)
             )
+        if self._tak is not None and self.geotag is not None:
+            self._tak.target(self.geotag)
         self._say_result(site.estimate)
         self._timing["last_frame_to_answer_s"] = self._times.clock() - located.last_frame_s
 

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import unicodedata
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final
 
 from gcs_plugin.geotag import COLUMNS, Cell, Geotag, as_json, row
@@ -62,12 +62,12 @@ def to_csv(geotags: Iterable[Geotag]) -> str:
     return text.getvalue()
 
 
-FORMATS: Final[Mapping[str, Callable[[Iterable[Geotag]], str]]] = {
+TEXT_FORMATS: Final[Mapping[str, Callable[[Sequence[Geotag]], str]]] = {
     "geojson": to_geojson,
     "kml": to_kml,
     "csv": to_csv,
 }
-"""What a log can be exported to, by name."""
+"""Formats that are text, by name; `gcs_plugin.exports.formats` has all of them."""
 
 
 def _harmless(cell: Cell) -> Cell:

@@ -6,33 +6,44 @@ import base64
 import html
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from datetime import UTC
 
+from gcs_plugin.exports.grid import grid_reference
+from gcs_plugin.exports.words import name_of
+from gcs_plugin.exports.xml_text import xml_text
 from gcs_plugin.geotag import Geotag
 from gcs_plugin.outline import ARROW_S, Position, ellipse_rings, flat_position, velocity_arrow
 
-_TARGET_ICON = "http://maps.google.com/mapfiles/kml/shapes/target.png"
 
-
-def to_kml(geotags: Iterable[Geotag]) -> str:
+def to_kml(geotags: Sequence[Geotag], *, icon: str = "", pictures: Sequence[str | None] = ()) -> str:
     """A folder for each geotag.
 
-    KML's absolute altitude is above mean sea level; where that is unknown the target lies on the ground.
+    KML's absolute altitude is above mean sea level; where that is unknown the target lies on the ground. Nothing in the
+    file is fetched from the internet.
+
+    Args:
+        geotags: what is shown.
+        icon: address of the marker's picture; without it every program takes its own.
+        pictures: address of each target's picture; without them the pictures stand in the file itself.
     """
     kml = ET.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
     document = _element(kml, "Document")
     _element(document, "name", "Sidestep geotags")
     # Colours are alpha, blue, green, red.
     target_style, ellipse_style, velocity_style = (_style(document, name) for name in ("target", "ellipse", "velocity"))
-    _element(_element(_element(target_style, "IconStyle"), "Icon"), "href", _TARGET_ICON)
+    icon_style = _element(target_style, "IconStyle")
+    if icon:
+        _element(_element(icon_style, "Icon"), "href", icon)
+    else:
+        _element(icon_style, "color", "ff2828e6")
     _line(ellipse_style, "ff00a5ff")
     _element(_element(ellipse_style, "PolyStyle"), "color", "4000a5ff")
     _line(velocity_style, "ff0000ff")
-    for geotag in geotags:
+    for index, geotag in enumerate(geotags):
         folder = _element(document, "Folder")
-        _element(folder, "name", f"Geotag {geotag.number}" if geotag.number else f"Geotag {geotag.id}")
-        _target(folder, geotag)
+        _element(folder, "name", name_of(geotag))
+        _target(folder, geotag, _source(geotag, pictures[index] if pictures else None))
         for ring in ellipse_rings(geotag):
             polygon = _element(_placemark(folder, "95 % error ellipse", "ellipse"), "Polygon")
             _element(polygon, "tessellate", "1")
@@ -49,9 +60,16 @@ def to_kml(geotags: Iterable[Geotag]) -> str:
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(kml, encoding="unicode") + "\n"
 
 
-def _target(folder: ET.Element, geotag: Geotag) -> None:
-    placemark = _placemark(folder, f"CE90 {geotag.ce90_m:.2f} m, LE90 {geotag.le90_m:.2f} m", None)
-    _element(placemark, "description", _description(geotag))
+def _source(geotag: Geotag, address: str | None) -> str:
+    """Where a balloon finds the target's picture; empty when there is none."""
+    if not geotag.picture:
+        return ""
+    return address or f"data:{geotag.picture_type};base64,{base64.b64encode(geotag.picture).decode('ascii')}"
+
+
+def _target(folder: ET.Element, geotag: Geotag, picture: str) -> None:
+    placemark = _placemark(folder, name_of(geotag), None)
+    _element(placemark, "description", _description(geotag, picture))
     when = geotag.time_utc.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     _element(_element(placemark, "TimeStamp"), "when", when)
     _element(placemark, "styleUrl", "#target")
@@ -62,7 +80,7 @@ def _target(folder: ET.Element, geotag: Geotag) -> None:
     _element(point, "coordinates", _coordinates([position if sea is None else (*position, sea)]))
 
 
-def _description(geotag: Geotag) -> str:
+def _description(geotag: Geotag, picture: str) -> str:
     """HTML for the balloon: every text in it comes from outside and is escaped."""
     place, motion = geotag.place, "not estimated"
     if geotag.speed_m_s is not None:
@@ -71,6 +89,7 @@ def _description(geotag: Geotag) -> str:
             motion += f", course {math.degrees(geotag.course_rad):.0f}°"
     rows = [
         ("Position", f"{place.lat_deg:.7f}, {place.lon_deg:.7f}"),
+        ("MGRS", grid_reference(place.lat_deg, place.lon_deg)),
         ("Altitude", f"{place.alt_m:.1f} m ({place.datum})"),
         ("CE90 / LE90", f"{geotag.ce90_m:.2f} m / {geotag.le90_m:.2f} m"),
         ("Motion", motion),
@@ -81,11 +100,8 @@ def _description(geotag: Geotag) -> str:
         *(("Note", note) for note in geotag.notes),
     ]
     table = "".join(f"<tr><td>{html.escape(name)}</td><td>{html.escape(text)}</td></tr>" for name, text in rows)
-    picture = ""
-    if geotag.picture:
-        data = base64.b64encode(geotag.picture).decode("ascii")
-        picture = f'<img alt="target" src="data:{geotag.picture_type};base64,{data}"/>'
-    return f"{picture}<table>{table}</table>"
+    image = f'<img alt="target" src="{picture}"/>' if picture else ""
+    return f"{image}<table>{table}</table>"
 
 
 def _placemark(folder: ET.Element, name: str, style: str | None) -> ET.Element:
@@ -113,12 +129,5 @@ def _coordinates(positions: Sequence[Position]) -> str:
 def _element(parent: ET.Element, tag: str, text: str | None = None) -> ET.Element:
     element = ET.SubElement(parent, tag)
     if text is not None:
-        element.text = "".join(c if _in_xml(c) else "\N{REPLACEMENT CHARACTER}" for c in text)
+        element.text = xml_text(text)
     return element
-
-
-def _in_xml(character: str) -> bool:
-    """Whether XML 1.0 can hold it (production 2, Char): no control character, half a surrogate pair, U+FFFE, U+FFFF."""
-    return character in "\t\n" or (
-        character >= " " and not "\ud800" <= character <= "\udfff" and character not in "\ufffe\uffff"
-    )

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 
 from gcs_plugin.answer import Answer, Times
+from gcs_plugin.cot.publisher import TakPublisher
 from gcs_plugin.flight_folder import FlightFolder
 from gcs_plugin.geotags import GeotagLog, Provenance
 from gcs_plugin.progress import Progress
@@ -37,6 +38,8 @@ class Equipment:
     detector: Detector
     tracker: TargetTracker
     log: GeotagLog
+    tak: TakPublisher | None = None
+    """Shows target and drone on TAK maps."""
 
 
 def open_camera(settings: MissionSettings, warn: Callable[[str], None]) -> tuple[VideoSource, Camera]:
@@ -115,7 +118,15 @@ class Locating:
         self._flight_id = f"{folder.path.name}-{uuid.uuid4().hex[:8]}"
         self._times = times
         self.answer = Answer(
-            equipment.drone, equipment.link, settings.answer, folder, equipment.log, progress, provenance, times
+            equipment.drone,
+            equipment.link,
+            settings.answer,
+            folder,
+            equipment.log,
+            progress,
+            provenance,
+            times,
+            equipment.tak,
         )
 
     def run(self, aborted: Callable[[], bool], watcher: Watcher | None = None) -> Located:

@@ -255,6 +255,38 @@ class OrderSettings(_Section):
     video_url: str = Field("", description="the video as ground stations reach it; empty: the same as ours")
 
 
+CircularError = Literal["one-sigma", "ce90"]
+"""What a Cursor on Target point's `ce` and `le` mean."""
+
+
+class TakSettings(_Section):
+    """The answer, its ellipse and the drone on TAK maps (ATAK, WinTAK, TAK servers), as Cursor on Target."""
+
+    urls: tuple[Annotated[str, Field(pattern=r"^(?:udp|tcp|tls)://[^\s/]+:\d{1,5}$")], ...] = Field(
+        (),
+        max_length=8,
+        description="udp://239.2.3.1:6969 (all ATAKs of the network), udp://HOST:4242 (one), tcp:// or tls://HOST:PORT "
+        "(a server, extra [tak])",
+    )
+    interface: str = Field("", description="address of the network interface that multicasts go out of; empty: default")
+    ce: CircularError = Field(
+        "one-sigma", description="what a point's ce and le are: one-sigma as MISB ST 0805 has it, or the 90 % values"
+    )
+    type: str = Field(
+        "a-u-G",
+        pattern=r"^[a-z](?:-[A-Za-z0-9]+)+$",
+        description="of a target: a-u-G unknown, a-n-G neutral, b-m-p-s-m",
+    )
+    stale_s: float = Field(3600.0, gt=1.0, le=604800.0, description="how long a still target counts as fresh")
+    stale_moving_s: float = Field(120.0, gt=1.0, le=86400.0, description="the same for a moving one")
+    repeat_s: float = Field(10.0, gt=0.5, le=600.0, description="how often a target is sent again, for who missed it")
+    drone: bool = Field(True, description="send the drone and its field of view, too, once a second")
+    callsign: str = Field("Sidestep", max_length=60, description="of the drone")
+    certificate: FilePath | None = Field(None, description="client certificate for tls://, PEM")
+    key: FilePath | None = Field(None, description="its key, PEM without password")
+    authority: FilePath | None = Field(None, description="the server's certificate authority, PEM")
+
+
 Asker = Annotated[str, Field(pattern=r"^(?:[1-9]\d{0,2})(?:/[1-9]\d{0,2})?$")]
 """A system id, or a system id and a component id with a slash between them."""
 
@@ -286,6 +318,7 @@ class MissionSettings(_Section):
     answer: AnswerSettings = AnswerSettings()
     orders: OrderSettings = OrderSettings()
     authority: AuthoritySettings = AuthoritySettings()
+    tak: TakSettings = TakSettings()
     repeat: int = Field(1, ge=1, le=20, description="how many sidesteps, repositioning between them")
 
 
@@ -338,4 +371,8 @@ def _relative_to(settings: MissionSettings, folder: FilePath) -> MissionSettings
     authority = settings.authority
     if authority.key_file is not None and not authority.key_file.is_absolute():
         authority = authority.model_copy(update={"key_file": folder / authority.key_file})
-    return settings.model_copy(update={"camera": camera, "answer": answer, "authority": authority})
+    tak = settings.tak
+    files = {name: getattr(tak, name) for name in ("certificate", "key", "authority")}
+    own = {name: folder / path for name, path in files.items() if path is not None and not path.is_absolute()}
+    tak = tak.model_copy(update=own)
+    return settings.model_copy(update={"camera": camera, "answer": answer, "authority": authority, "tak": tak})

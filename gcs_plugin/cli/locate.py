@@ -17,6 +17,7 @@ from rich.table import Table
 from gcs_plugin.abort import Abort
 from gcs_plugin.answer import Answer, Times
 from gcs_plugin.cli.address import HELP, given_address
+from gcs_plugin.cot.publisher import tak_publisher
 from gcs_plugin.flight_folder import FlightFolder
 from gcs_plugin.geotags import GeotagLog
 from gcs_plugin.locating import Equipment, Locating, known_camera, open_camera
@@ -120,7 +121,10 @@ def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None
             )
         if drone.origin is None:
             progress.say("no place on earth is known (no GPS fix): the answer is local, and no geotag is logged")
-        equipment = Equipment(drone, link, source, lens, detector, Tracker(), log)
+        tak = tak_publisher(settings, lens)
+        if tak is not None:
+            stack.callback(tak.close)
+        equipment = Equipment(drone, link, source, lens, detector, Tracker(), log, tak)
         if isinstance(source, SquareVideo):
             choice = on_square_pixels(choice, source)
         flight = Locating(equipment, settings, choice, folder, progress, times)

@@ -74,7 +74,7 @@ NOT_PARAMETERS: Final = frozenset(
         "orders.video_url",
     }
 )
-"""Settings that are none; nor is any of [authority]."""
+"""Settings that are none; nor is any of [authority] and [tak]."""
 
 TIGHTENED_ONLY: Final[dict[str, Literal["at most", "at least"]]] = {
     "limits.radius_m": "at most",

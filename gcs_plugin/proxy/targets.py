@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Final
 
 from gcs_plugin.durable import write_whole
-from gcs_plugin.export import FORMATS
+from gcs_plugin.exports.formats import FORMATS, format_of
 from gcs_plugin.geotag_spool import GeotagSpool
 from gcs_plugin.geotags import Geotag, read_geotags
 from mission.errors import SettingsError, SidestepError
 
 _LOG = logging.getLogger(__name__)
 LOOK_S: Final = 1.0
-_SUFFIXES: Final = {".json": "geojson"}
 
 
 class Targets:
@@ -69,12 +68,9 @@ class Targets:
             SettingsError: no format has that suffix.
             AnswerError: the log cannot be read or the file not written.
         """
-        suffix = file.suffix.lower()
-        form = FORMATS.get(_SUFFIXES.get(suffix, suffix.removeprefix(".")))
-        if form is None:
-            raise SettingsError(f"no format ends in {suffix!r}", f"Use one of .{', .'.join(FORMATS)}.")
+        form = FORMATS[format_of(file)]
         geotags = read_geotags(self._path())
-        write_whole(file, form(geotags).encode("utf-8"))
+        write_whole(file, form(geotags))
         return f"{len(geotags)} geotags written to {file.absolute()}"
 
     def _look(self) -> None:

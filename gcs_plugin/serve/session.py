@@ -21,6 +21,7 @@ from gcs_plugin.answer import Times
 from gcs_plugin.component import CameraComponent, Follow, GiveBack, Locate, Mark, NextCandidate, Order
 from gcs_plugin.component.commands import CANCELLED
 from gcs_plugin.component.tracking import Seen
+from gcs_plugin.cot.publisher import TakPublisher
 from gcs_plugin.flight_folder import FlightFolder
 from gcs_plugin.geotags import Geotag, GeotagLog
 from gcs_plugin.locating import Equipment, Locating, open_camera
@@ -76,6 +77,8 @@ class Crew:
     tracker: Callable[[], TargetTracker] = Tracker
     """Makes one for each order."""
     open_camera: Callable[[MissionSettings, Callable[[str], None]], tuple[VideoSource, Camera]] = open_camera
+    tak: TakPublisher | None = None
+    """Shows targets and drone on TAK maps."""
 
 
 class Session:
@@ -119,6 +122,8 @@ class Session:
 
     def _look_after_the_link(self) -> None:
         self._drone.keep_alive()
+        if self._crew.tak is not None:
+            self._crew.tak.drone(self._drone)
         for event in self._drone.events():
             if event.kind == "pilot-process-lost":
                 raise LinkError(event.text, "Connecting again.")
@@ -170,7 +175,7 @@ class Session:
         choice = self._choice(order.mark, camera)
         with FlightFolder(settings.answer.folder, crew.times.utc()) as folder, Progress(crew.console) as progress:
             progress.say(f"ordered to locate {choice}")
-            parts = Equipment(self._drone, self._link, video, camera, crew.detector, crew.tracker(), crew.log)
+            parts = Equipment(self._drone, self._link, video, camera, crew.detector, crew.tracker(), crew.log, crew.tak)
             flight = Locating(parts, settings, choice, folder, progress, crew.times)
             try:
                 self._told = settings.answer.statustext  # the answer itself tells of a flight without one

@@ -15,6 +15,7 @@ from gcs_plugin.answer import Times
 from gcs_plugin.authority import Authority, SignatureMemory, read_key
 from gcs_plugin.component import CameraComponent, Identity, Locate, Order, Picture, StationLink
 from gcs_plugin.component.kept_parameters import KeptParameters
+from gcs_plugin.cot.publisher import tak_publisher
 from gcs_plugin.geotags import GeotagLog
 from gcs_plugin.locating import known_camera
 from gcs_plugin.serve.session import Crew, Session
@@ -41,7 +42,7 @@ class VehicleService:
         times: program time and UTC.
 
     Raises:
-        SettingsError: the key file cannot be read, or the camera file.
+        SettingsError: the key file cannot be read, or the camera file, or an address of [tak] is none.
         AnswerError: the log of geotags cannot be written.
     """
 
@@ -64,10 +65,18 @@ class VehicleService:
             self._say(f"passed over: {text}")
         for parameter in self._kept.restored:
             self._say(f"as a ground station set it: {parameter}")
-        self._crew = Crew(make_detector(settings.detect.detector), log, console, times, abort)
+        self._tak = tak_publisher(self._settings, self._camera)
+        self._crew = Crew(make_detector(settings.detect.detector), log, console, times, abort, tak=self._tak)
 
     def run(self) -> None:
         """Connect and serve, again and again; returns when the program is to end."""
+        try:
+            self._keep_serving()
+        finally:
+            if self._tak is not None:
+                self._tak.close()
+
+    def _keep_serving(self) -> None:
         while not self._abort.asked():
             settings = self._settings
             drone = make_drone(

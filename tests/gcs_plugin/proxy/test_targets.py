@@ -70,7 +70,7 @@ def test_the_export_follows_the_name_of_the_file(
 
 
 def test_a_suffix_without_a_format_is_explained(targets: Targets, tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match=r"no format ends in '\.doc'\. Use one of \.geojson, \.kml, \.csv"):
+    with pytest.raises(SettingsError, match=r"no format ends in '\.doc'\. Use \.geojson, \.kml, \.kmz, \.csv"):
         targets.export(tmp_path / "t.doc")
 
 

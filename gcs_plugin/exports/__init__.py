@@ -1,0 +1,1 @@
+"""Geotags as files for other programs, each format in a file of its own."""
