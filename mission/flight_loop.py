@@ -177,6 +177,8 @@ class FlightLoop:
                 raise FlightEnded(event.text, "Give the order again when the aircraft is yours.")
             if event.kind == "caution":
                 self._caution(event.text)
+            if event.kind == "gimbal-lost":
+                raise FlightEnded(event.text, "Check the gimbal and its link; the aircraft holds.")
             if event.kind == "link-lost":
                 raise LinkError(event.text, "Check the link; the autopilot's own failsafe holds the aircraft.")
         if self._aborted():

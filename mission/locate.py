@@ -35,6 +35,7 @@ from mission.records import FlightSightings, GeodeticOrigin, NoiseModel, TargetP
 from mission.regain import Regain
 from mission.reposition import follow_path
 from mission.settings import MissionSettings
+from mission.sighting import level_mounting
 from mission.steady import Steadied
 from mission.video import VideoSource
 
@@ -57,6 +58,8 @@ class Told:
     """Of the reported pose at its own time."""
     notes: tuple[str, ...] = ()
     """What was wrong with poses and video, and was put right."""
+    doubt: str = ""
+    """Why the attitude of a gimbal's camera is only believed where the pictures confirm it."""
 
 
 class Locate:
@@ -94,7 +97,9 @@ class Locate:
         self._clock = clock
         self._loop = FlightLoop(drone, video, aborted, clock, partial(watcher.stage, Stage.DETECT))
         self._tracker = tracker
-        self._offset = FlightOffset(TimeOffsetMeter(camera) if settings.video.check_offset else None)
+        pose = None if camera.gimbal == "none" else drone.pose_at(clock() - POSE_AGE_S)
+        meter = TimeOffsetMeter(camera, mounting=level_mounting(pose, camera)) if settings.video.check_offset else None
+        self._offset = FlightOffset(meter)
         self._unsaved: FlightRecord | None = None
         self._keeping = False
         self._prior = TargetPrior()
@@ -270,7 +275,8 @@ class Locate:
     def _told(self) -> Told:
         poses = self._drone.poses()
         notes = tuple(note for note in (self._drone.pose_note(), self._loop.video_note) if note)
-        return Told(poses, self._drone.origin, self._drone.noise(), notes)
+        doubt = self._drone.telemetry().gimbal_doubt
+        return Told(poses, self._drone.origin, self._drone.noise(), notes, doubt)
 
     def _answer(self, record: FlightRecord, told: Told, last_frame_s: float) -> Located:
         """In a thread of its own: the aircraft itself is not asked, since only the flight's loop speaks to it."""
@@ -282,6 +288,11 @@ class Locate:
         flight = replace(supported(flight, steadied=steadied.reason is None), continues=self._before)
         self._before = flight.id
         self._watcher.sightings(flight)
+        if told.doubt and steadied.reason is not None:
+            raise EstimateRefused(
+                f"{told.doubt}, and the background could not confirm where the camera looked ({steadied.reason})",
+                "Fly where the ground shows texture, or use a gimbal that reports measured angles.",
+            )
         estimate = self._passes.estimate(flight)
         estimate = replace(estimate, notes=(*estimate.notes, steadied.note(), *told.notes))
         comparisons = []

@@ -134,7 +134,7 @@ class Pointing:
             beside_rad: point this far beside it, clockwise.
         """
         azimuth = self.azimuth(now_s + LOOK_AHEAD_S)
-        if azimuth is not None:
+        if azimuth is not None and self._camera.gimbal == "none":  # else the nose does not turn the lens
             self._drone.aim(wrapped(azimuth + beside_rad - self._camera_azimuth()))
 
     def azimuth(self, t_s: float) -> float | None:

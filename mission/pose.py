@@ -29,6 +29,8 @@ class Pose:
     """(3, 3)."""
     attitude_covariance_rad2: Matrix
     """(3, 3), about the body's forward, right and down axes."""
+    world_from_gimbal_wxyz: Vector | None = None
+    """(4,), where the camera is on a gimbal: of the gimbal's own forward-right-down axes, as it reports them."""
 
 
 _UPRIGHT = 0.1
@@ -137,6 +139,15 @@ class PoseBuffer:
         a0, a1, q0, q1 = attitude
         turned = slerp((t_s - a0) / (a1 - a0) if a1 > a0 else 0.0, q0[:4], q1[:4])
         return Pose(t_s, place, velocity, turned, position_covariance_m2, attitude_covariance_rad2)
+
+    def attitude_at(self, t_s: float) -> Vector | None:
+        """World_from_body (4,) at a time, or None across a gap or outside what was received."""
+        with self._lock:
+            attitude = self._attitudes.around(t_s, self._max_gap_s)
+        if attitude is None:
+            return None
+        t0, t1, before, after = attitude
+        return slerp((t_s - t0) / (t1 - t0) if t1 > t0 else 0.0, before[:4], after[:4])
 
 
 class _Stream:

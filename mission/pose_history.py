@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from mission.clock import ClockMap
+from mission.gimbal.listener import GimbalAt
 from mission.pose import Pose, PoseBuffer
 from mission.records import Matrix
 
@@ -19,6 +20,8 @@ class PoseHistory:
     """(3, 3)."""
     attitude_covariance_rad2: Matrix
     """(3, 3), about the body's forward, right and down axes."""
+    gimbal: GimbalAt | None = None
+    """Where the camera is on a gimbal."""
 
     def at(self, t_s: float) -> Pose | None:
         """The pose at a program time; None where it was not known at the moment of the snapshot."""
@@ -26,4 +29,7 @@ class PoseHistory:
             return None
         remote_s = self.clock.to_remote(t_s)
         pose = self.poses.at(remote_s, self.position_covariance_m2, self.attitude_covariance_rad2)
-        return None if pose is None else replace(pose, t_s=t_s)
+        if pose is None or self.gimbal is None:
+            return None if pose is None else replace(pose, t_s=t_s)
+        turned = self.gimbal(t_s, self.clock.to_remote, self.poses.attitude_at)
+        return None if turned is None else replace(pose, t_s=t_s, world_from_gimbal_wxyz=turned)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,29 +10,53 @@ from scipy.spatial.transform import Rotation
 
 from mission.camera.camera import Camera
 from mission.camera.model import CameraModel
+from mission.camera.mounting import Mounting
 from mission.pose import Pose
 from mission.records import Matrix, Sighting, Vector
 from mission.track import Track
 
 
 def world_from_camera(pose: Pose, camera: Camera) -> Rotation:
-    """How the camera was turned: the aircraft's attitude, then the mounting on the airframe."""
-    body = Rotation.from_quat(pose.world_from_body_wxyz, scalar_first=True)
-    return body * Rotation.from_quat(camera.mounting.body_from_camera_wxyz, scalar_first=True)
+    """How the camera was turned: the attitude of what carries it, then the mounting on that.
+
+    Raises:
+        ValueError: the camera is on a gimbal of which the pose tells nothing.
+    """
+    return cameras_at((pose,), camera)[0][0]
 
 
 def camera_position(pose: Pose, camera: Camera) -> Vector:
-    """Where the camera was, ENU, shape (3,)."""
+    """Where the camera was, ENU, shape (3,); of one on a gimbal, where the gimbal's pivot was."""
     body = Rotation.from_quat(pose.world_from_body_wxyz, scalar_first=True)
     return np.asarray(pose.position_enu_m + body.apply(np.asarray(camera.mounting.position_body_m)))
 
 
 def cameras_at(poses: Sequence[Pose], camera: Camera) -> tuple[Rotation, Matrix]:
-    """World_from_camera and ENU positions (n, 3) of many poses at once."""
+    """World_from_camera and ENU positions (n, 3) of many poses at once.
+
+    Raises:
+        ValueError: the camera is on a gimbal of which a pose tells nothing.
+    """
     body = Rotation.from_quat(np.array([pose.world_from_body_wxyz for pose in poses]), scalar_first=True)
-    turned = body * Rotation.from_quat(camera.mounting.body_from_camera_wxyz, scalar_first=True)
+    carrier = body if camera.gimbal == "none" else Rotation.from_quat(_gimbals(poses), scalar_first=True)
+    turned = carrier * Rotation.from_quat(camera.mounting.body_from_camera_wxyz, scalar_first=True)
     place = np.array([pose.position_enu_m for pose in poses]) + body.apply(np.asarray(camera.mounting.position_body_m))
     return turned, np.asarray(place, dtype=np.float64)
+
+
+def level_mounting(pose: Pose | None, camera: Camera) -> Mounting:
+    """How the camera sits on a level aircraft that it looks ahead from; of a gimbal's camera, as it looks now."""
+    if camera.gimbal == "none" or pose is None:
+        return camera.mounting
+    up = float(world_from_camera(pose, camera).apply([0.0, 0.0, 1.0])[2])
+    return Mounting.tilted(-math.asin(min(1.0, max(-1.0, up))), camera.mounting.position_body_m)
+
+
+def _gimbals(poses: Sequence[Pose]) -> Matrix:
+    told = [pose.world_from_gimbal_wxyz for pose in poses if pose.world_from_gimbal_wxyz is not None]
+    if len(told) < len(poses):
+        raise ValueError("the camera is on a gimbal, and the aircraft's pose does not tell the gimbal's attitude")
+    return np.array(told)
 
 
 def sighting(track: Track, t_s: float, pose: Pose, camera: Camera) -> Sighting:

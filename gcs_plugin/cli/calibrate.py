@@ -93,7 +93,7 @@ def latency(
     """The offset between video and telemetry, from a yaw movement."""
     console = Console()
     camera = read_camera(camera_file)
-    drone = make_drone(drone_url)
+    drone = make_drone(drone_url, camera=camera)
     try:
         drone.connect(timeout_s=30.0)
         video = open_video(given_address(video_url), latency_s=camera.latency_s)

@@ -105,6 +105,7 @@ def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None
             target_system=settings.link.system,
             flight=settings.link.flight(),
             pilot_log=folder.path / "pilot.log",
+            camera=known_camera(settings),
         )
         stack.callback(drone.close)
         progress.say(f"connecting to {shown_address(settings.link.url)}")

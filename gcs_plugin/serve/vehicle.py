@@ -85,6 +85,7 @@ class VehicleService:
                 flight=settings.link.flight(),
                 pilot_log=settings.answer.folder / "pilot.log",
                 sparing=True,
+                camera=known_camera(settings),
             )
             try:
                 self._say(f"connecting to {shown_address(settings.link.url)}")

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from mission.camera.model import from_field_of_view
 from mission.camera.mounting import Mounting
 from mission.errors import CalibrationError, CalibrationInputError
 from mission.records import CameraIntrinsics, NoiseModel
 
+GimbalKind = Literal["none", "mavlink"]
+"""none: fixed to the airframe. mavlink: on a gimbal that reports its attitude by MAVLink."""
 CALIBRATED_FOCAL_SIGMA = 0.003
 UNCALIBRATED_FOCAL_SIGMA = 0.05
 """Data sheets quote the diagonal for the horizontal view, or the photo's for the video's: 5 % is the usual damage."""
@@ -30,6 +33,10 @@ class Camera:
     """Relative uncertainty of the focal length; it stands for the whole lens (see `widen`)."""
     provenance: str = ""
     """How the figures were obtained."""
+    gimbal: GimbalKind = "none"
+    """What the mounting is on: the airframe, or a gimbal that tells its attitude."""
+    gimbal_age_s: float = 0.0
+    """How much older the gimbal's angles are than their time stamps."""
 
     @classmethod
     def from_field_of_view(

@@ -6,6 +6,8 @@ calibrated = true
 focal_sigma = 0.003          # relative
 readout_s = 0.0
 latency_s = 0.0
+gimbal = "none"              # "mavlink": on a gimbal that tells its attitude; the mounting is then that on the gimbal
+gimbal_age_s = 0.0           # how much older the gimbal's angles are than their time stamps
 provenance = "chessboard, 21 pictures, rms 0.21 px"
 
 [intrinsics]
@@ -45,6 +47,8 @@ __all__ = ["Camera", "read_camera", "write_camera"]
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Focal = Annotated[float, Field(ge=1.0, le=1e6, allow_inf_nan=False)]
 
+_MOST_BORESIGHT_RAD = math.radians(15.0)
+"""Between the gimbal's forward axis and the lens; more is the tilt of a fixed mounting, forgotten there."""
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
@@ -75,6 +79,8 @@ class _File(BaseModel):
     readout_s: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     latency_s: Annotated[float, Field(ge=-1.0, lt=10.0)] = 0.0
     provenance: str = ""
+    gimbal: Literal["none", "mavlink"] = "none"
+    gimbal_age_s: Annotated[float, Field(ge=0.0, le=0.5)] = 0.0
     intrinsics: _Intrinsics
     mounting: _Mounting = _Mounting(tilt_down_deg=0.0)
 
@@ -137,14 +143,22 @@ def _camera(content: _File, path: Path | str) -> Camera:
     focal_sigma = content.focal_sigma
     if focal_sigma is None:
         focal_sigma = CALIBRATED_FOCAL_SIGMA if content.calibrated else UNCALIBRATED_FOCAL_SIGMA
+    mounting = _mounting(content.mounting, path)
+    if content.gimbal != "none" and abs(mounting.tilt_down_rad) > _MOST_BORESIGHT_RAD:
+        raise CalibrationInputError(
+            f"The camera file {path} is wrong: mounting: a camera on a gimbal looks where the gimbal looks",
+            "Leave the mounting's tilt out: the gimbal tells it.",
+        )
     return Camera(
         lens,
-        _mounting(content.mounting, path),
+        mounting,
         content.calibrated,
         content.readout_s,
         content.latency_s,
         focal_sigma,
         content.provenance,
+        content.gimbal,
+        content.gimbal_age_s,
     )
 
 
@@ -182,6 +196,8 @@ def write_camera(path: Path | str, camera: Camera) -> None:
         f"focal_sigma = {float(camera.focal_sigma)!r}  # relative",
         f"readout_s = {float(camera.readout_s)!r}",
         f"latency_s = {float(camera.latency_s)!r}",
+        f'gimbal = "{camera.gimbal}"',
+        f"gimbal_age_s = {float(camera.gimbal_age_s)!r}",
         f"provenance = {json.dumps(camera.provenance, ensure_ascii=False)}",
         "",
         "[intrinsics]",

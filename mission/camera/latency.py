@@ -11,6 +11,7 @@ from mission.camera.camera import Camera
 from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
 from mission.drones.drone import Bounds, Drone, Order, OrderState
 from mission.errors import CalibrationError, FlightEnded, FlightRefused, VideoError
+from mission.sighting import level_mounting
 from mission.video import VideoSource
 
 _POLL_S = 0.5
@@ -19,6 +20,8 @@ _SETTLED_S = 0.006
 _MIN_WATCH_S = 4.0
 _MAX_SILENCE_S = 2.0
 _LAG_S = 0.7
+_POSE_AGE_S = 0.2
+"""A pose this old is in the buffer on both of its sides."""
 """Telemetry must reach this far beyond a frame before every offset can be tried."""
 _ORDER_S = 20.0
 
@@ -58,7 +61,9 @@ def measure_latency(
         FlightRefused: a wiggle was asked for on the ground.
         FlightEnded: the pilot or a failsafe ended the wiggle.
     """
-    watch = _Watch(drone, video, TimeOffsetMeter(camera), clock)
+    pose = None if camera.gimbal == "none" else drone.pose_at(clock() - _POSE_AGE_S)
+    mounting = level_mounting(pose, camera)
+    watch = _Watch(drone, video, TimeOffsetMeter(camera, mounting=mounting), clock)
     if wiggle is None:
         progress("Yaw the aircraft left and right by 20 degrees or more, briskly, two or three times.")
         return watch.until_known(duration_s)

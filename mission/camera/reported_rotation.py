@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, gaussian_filter1d
-from scipy.spatial.transform import Rotation
 
 from mission.camera.camera import Camera
 from mission.pose import Pose
 from mission.records import Matrix, Vector
+from mission.sighting import cameras_at
 
 _GRID_S = 0.01
 SMOOTH_S = 0.04
@@ -39,10 +39,7 @@ class ReportedRotation:
         known = np.array([pose is not None for pose in poses])
         steps = np.zeros((len(times), 3))
         if np.count_nonzero(known) > 1:
-            body = Rotation.from_quat(
-                np.array([pose.world_from_body_wxyz for pose in poses if pose is not None]), scalar_first=True
-            )
-            world_from_camera = body * camera.mounting.body_from_camera
+            world_from_camera, _ = cameras_at([pose for pose in poses if pose is not None], camera)
             steps[np.flatnonzero(known)[1:]] = (world_from_camera[:-1].inv() * world_from_camera[1:]).as_rotvec()
         # The reports' own noise, interpolated, would make one offset look better than the next; a symmetric smoothing
         # takes it away and moves no edge. Seen through the smoothing, an unknown step spoils its surroundings too.

@@ -16,6 +16,7 @@ import numpy as np
 
 from mission.camera.background import BackgroundRotation, Turn
 from mission.camera.camera import Camera
+from mission.camera.mounting import Mounting
 from mission.camera.rate_match import RateMatch, best_offset
 from mission.camera.reported_rotation import ReportedRotation
 from mission.pose import Pose
@@ -71,11 +72,19 @@ class TimeOffsetMeter:
         camera: the lens, the mounting and the rolling shutter.
         span_s: how much of the past is kept.
         search_s: the smallest and the largest offset looked for.
+        mounting: how the camera sits on a level aircraft where that is not the camera's own, as on a gimbal.
     """
 
-    def __init__(self, camera: Camera, span_s: float = 30.0, search_s: tuple[float, float] = (-0.2, 0.6)) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        span_s: float = 30.0,
+        search_s: tuple[float, float] = (-0.2, 0.6),
+        mounting: Mounting | None = None,
+    ) -> None:
         self._camera = camera
-        self._background = BackgroundRotation(camera.intrinsics, camera.mounting)
+        self._mounting = camera.mounting if mounting is None else mounting
+        self._background = BackgroundRotation(camera.intrinsics, self._mounting)
         self._span_s = span_s
         self._search_s = search_s
         self._pairs: deque[_Pair] = deque()
@@ -130,7 +139,7 @@ class TimeOffsetMeter:
             return "too little telemetry covers the frames"
         spans, seen = spans[known], seen[known]
         shutter_s = np.array([pair.shutter_s for pair in pairs])[known]
-        body = self._camera.mounting.body_from_camera.as_matrix()
+        body = self._mounting.body_from_camera.as_matrix()
 
         def match(axis: Vector) -> RateMatch:
             exposed = spans + (shutter_s @ np.square(axis))[:, None]

@@ -103,6 +103,7 @@ EventKind = Literal[
     "link-lost",
     "link-back",
     "slow-link",
+    "gimbal-lost",  # the camera is on a gimbal, and that tells its attitude no more
     "pilot-process-lost",
     "refused",
     "caution",  # what the operator may not expect: of the autopilot before a flight, of others on the link in it
@@ -153,6 +154,10 @@ class Telemetry:
     """Fraction of the aircraft's packets that do not arrive, over the last seconds; None where that is not known."""
     gimbal: str = ""
     """What tells that the aircraft carries a gimbal; empty where nothing does."""
+    gimbal_trouble: str = ""
+    """Of a camera that is told to be on the gimbal: why its attitude is not known; empty where it is."""
+    gimbal_doubt: str = ""
+    """Of the same: why its attitude is only believed when the pictures confirm it; empty where it is measured."""
 
 
 class Drone(Protocol):

@@ -33,6 +33,7 @@ _PARAMETERS: Final[dict[str, tuple[Autopilot, float]]] = {
     "MNT_MODE_IN": ("px4", 0.0),
 }
 """The autopilot that has it, and the least value that means a gimbal."""
+_SERVO: Final = 1.0
 
 
 class GimbalSigns:
@@ -41,6 +42,8 @@ class GimbalSigns:
     def __init__(self) -> None:
         self.sign = ""
         """The first sign, for the operator; empty while there is none."""
+        self.servo = False
+        """Whether the mount is of plain servos, which know no horizon and measure nothing."""
 
     def ask(self, link: MavlinkLink) -> None:
         """Ask what a gimbal would answer; nothing waits for that."""
@@ -60,7 +63,11 @@ class GimbalSigns:
             autopilot: of the vehicle, which decides how its parameters are coded.
         """
         name = message.get_type()
-        if self.sign or message.get_srcSystem() != system:
+        if message.get_srcSystem() != system:
+            return
+        if name == "PARAM_VALUE" and message.param_id == "MNT1_TYPE" and autopilot == "ardupilot":
+            self.servo = number_of(message, autopilot) == _SERVO
+        if self.sign:
             return
         if name == "HEARTBEAT":
             if message.type == mavlink.MAV_TYPE_GIMBAL:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path as FilePath
 
+from mission.camera.camera import Camera
 from mission.drones.ardrone.ardrone import ARDrone
 from mission.drones.ardrone.url import is_ardrone
 from mission.drones.limits import FlightSettings
 from mission.drones.link import MavlinkLink
 from mission.drones.mavlink import MavlinkDrone
+from mission.errors import SettingsError
 
 AnyDrone = MavlinkDrone | ARDrone
 """Every aircraft that there is; all are `mission.drones.drone.Drone`."""
@@ -21,6 +23,7 @@ def make_drone(
     flight: FlightSettings | None = None,
     pilot_log: FilePath | None = None,
     sparing: bool = False,
+    camera: Camera | None = None,
 ) -> AnyDrone:
     """An aircraft, not yet connected.
 
@@ -30,13 +33,24 @@ def make_drone(
         flight: limits of the pilot process.
         pilot_log: file for the pilot process's own log.
         sparing: whether little is decoded while nobody looks; for programs that wait long.
+        camera: the one that it carries; tells whether a gimbal's attitude is wanted.
 
     Raises:
-        SettingsError: the address is none.
+        SettingsError: the address is none, or the aircraft cannot have such a camera.
     """
+    on_gimbal = camera is not None and camera.gimbal == "mavlink"
     if is_ardrone(url):
+        if on_gimbal:
+            raise SettingsError("an AR.Drone's camera is fixed, its camera file says gimbal", 'Say gimbal = "none".')
         return ARDrone(url, flight=flight, pilot_log=pilot_log)
-    return MavlinkDrone(url, target_system=target_system, flight=flight, pilot_log=pilot_log, sparing=sparing)
+    return MavlinkDrone(
+        url,
+        target_system=target_system,
+        flight=flight,
+        pilot_log=pilot_log,
+        sparing=sparing,
+        gimbal_age_s=camera.gimbal_age_s if camera is not None and on_gimbal else None,
+    )
 
 
 def mavlink_of(drone: AnyDrone) -> MavlinkLink | None:

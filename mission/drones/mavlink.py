@@ -30,6 +30,7 @@ from mission.drones.url import mavsdk_url
 from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState, on_earth
 from mission.errors import LinkError
 from mission.geodesy import geodetic_to_enu
+from mission.gimbal.listener import ATTITUDE_MESSAGES, GimbalListener
 from mission.pose import Pose, PoseAt, PoseBuffer, heading_rate, world_from_body
 from mission.pose_history import PoseHistory
 from mission.pose_steps import Steps
@@ -38,6 +39,10 @@ from mission.records import GeodeticOrigin, Matrix, NoiseModel
 PILOT_MODULE = "mission.drones.pilot"
 _LOG = logging.getLogger(__name__)
 _REBOOT_S = 1.0
+GIMBAL_RATE_HZ = 20.0
+"""Asked for; serial gimbals are polled at 10 to 20 Hz."""
+GIMBAL_HOLD_S = 0.25
+"""Beyond its newest report a gimbal's lens is taken to look where it looked then, while it is being pointed."""
 
 
 class MavlinkDrone(PilotedDrone):
@@ -51,6 +56,8 @@ class MavlinkDrone(PilotedDrone):
         flight: limits of the pilot process.
         pilot_log: file for the pilot process's and MAVSDK's own log.
         sparing: decode little while nobody looks, see `mission.drones.thinning`.
+        gimbal_age_s: of a camera on the vehicle's gimbal, how much older the gimbal's angles are than their time
+            stamps; None where the camera is fixed to the airframe.
         clock: monotonic seconds.
 
     Raises:
@@ -67,6 +74,7 @@ class MavlinkDrone(PilotedDrone):
         flight: FlightSettings | None = None,
         pilot_log: FilePath | None = None,
         sparing: bool = False,
+        gimbal_age_s: float | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(min_pose_rate_hz=min_pose_rate_hz, flight=flight, pilot_log=pilot_log, clock=clock)
@@ -74,6 +82,7 @@ class MavlinkDrone(PilotedDrone):
         self._target_system = target_system
         self._pose_rate_hz = pose_rate_hz
         self._sparing = sparing
+        self._gimbal_age_s = gimbal_age_s
         self._link: MavlinkLink | None = None
         self._rates: MessageRates | None = None
         self._reset()
@@ -86,6 +95,8 @@ class MavlinkDrone(PilotedDrone):
         self._newest_boot_s = 0.0
         self._loss = PacketLoss()
         self._gimbal = GimbalSigns()
+        self._lens = None if self._gimbal_age_s is None else GimbalListener(self._gimbal_age_s)
+        self._lens_lost = False
         self._steps = Steps()
         self._begun_boot_s = 0.0
         self._thinning = Thinning(self._target_system, self._clock(), sparing=self._sparing)
@@ -94,6 +105,9 @@ class MavlinkDrone(PilotedDrone):
         """See `Drone.begin`; poses are kept for as long as the flight may take."""
         super().begin(bounds)
         self._poses.keep_for(bounds.max_duration_s + KEPT_BEFORE_S)
+        if self._lens is not None:
+            self._lens.keep_for(bounds.max_duration_s + KEPT_BEFORE_S)
+        self._lens_lost = False
         self._begun_boot_s, self._steps = self._newest_boot_s, Steps()
 
     @property
@@ -155,13 +169,18 @@ class MavlinkDrone(PilotedDrone):
             clock=self._clock,
         )
         wanted = {"GLOBAL_POSITION_INT": self._pose_rate_hz, "ATTITUDE": self._pose_rate_hz}
+        if self._lens is not None:
+            wanted["GIMBAL_DEVICE_ATTITUDE_STATUS"] = GIMBAL_RATE_HZ
         self._rates = MessageRates(self._link, wanted, self._clock(), self._thinning.passed_over)
         self._gimbal.ask(self._link)
         self._wait_for_poses(deadline)
 
     def telemetry(self) -> Telemetry:
         """See `Drone.telemetry`."""
-        return replace(super().telemetry(), gimbal=self._gimbal.sign)
+        told = super().telemetry()
+        if self._lens is None:
+            return replace(told, gimbal=self._gimbal.sign)
+        return replace(told, gimbal_trouble=self._lens.trouble(told.t_s), gimbal_doubt=self._lens.doubt(told.t_s))
 
     def _poses_come(self) -> bool:
         told = self._state.landed_state != mavlink.MAV_LANDED_STATE_UNDEFINED
@@ -192,6 +211,10 @@ class MavlinkDrone(PilotedDrone):
     def events(self) -> list[DroneEvent]:
         """See `Drone.events`; also, once, what telemetry the link does not give."""
         events = super().events()
+        lost = "" if self._lens is None else self._lens.trouble(self._clock())
+        if lost and not self._lens_lost:
+            events.append(DroneEvent(self._clock(), "gimbal-lost", lost))
+        self._lens_lost = bool(lost)
         text = "" if self._rates is None else self._rates.shortfall()
         return [*events, DroneEvent(self._clock(), "slow-link", text)] if text else events
 
@@ -206,26 +229,33 @@ class MavlinkDrone(PilotedDrone):
             if not self._boot.ready:
                 return None
             boot_s = self._boot.to_remote(t_s)
+            boot = self._boot.to_remote
+            turned = None if self._lens is None else self._lens.at(t_s, boot, self._poses.attitude_at, GIMBAL_HOLD_S)
         pose = self._poses.at(boot_s, position_covariance(self._state), self._attitude_covariance())
-        return None if pose is None else replace(pose, t_s=t_s)
+        if pose is None or (self._lens is not None and turned is None):
+            return None
+        return replace(pose, t_s=t_s, world_from_gimbal_wxyz=turned)
 
     def poses(self) -> PoseAt:
         """`pose_at` as of now, for work in other threads; steps of the estimator since the order are undone."""
         with self._lock:
             boot, snapshot = deepcopy(self._boot), self._poses.snapshot()
+            lens = None if self._lens is None else self._lens.snapshot()
         self._steps = snapshot.level(self._begun_boot_s)
-        return PoseHistory(snapshot, boot, position_covariance(self._state), self._attitude_covariance()).at
+        return PoseHistory(snapshot, boot, position_covariance(self._state), self._attitude_covariance(), lens).at
 
     def noise(self) -> NoiseModel:
         """How good the poses of the last `poses` are within a pattern, see `mission.drones.pose_quality`."""
-        return self._steps.widened(noise_model(self._state, self._flight.compass_sigma_rad))
+        stated = self._steps.widened(noise_model(self._state, self._flight.compass_sigma_rad))
+        return stated if self._lens is None else self._lens.noise(stated, self._clock())
 
     def _attitude_covariance(self) -> Matrix:
         return attitude_covariance(self._state, self._flight.compass_sigma_rad)
 
     def pose_note(self) -> str:
         """See `Drone.pose_note`."""
-        return self._steps.note()
+        notes = self._steps.note(), "" if self._lens is None else self._lens.note()
+        return "; ".join(note for note in notes if note)
 
     def _pose_rate(self) -> float:
         return 0.0 if self._rates is None else min(self._rates.hz("GLOBAL_POSITION_INT"), self._rates.hz("ATTITUDE"))
@@ -243,6 +273,10 @@ class MavlinkDrone(PilotedDrone):
         name = message.get_type()
         if name == "HEARTBEAT" or name in GIMBAL_MESSAGES:
             self._gimbal.take(message, self._state.system, self._state.autopilot)
+            if self._lens is not None and message.get_srcSystem() == self._state.system:
+                self._lens.servo = self._gimbal.servo
+                if name in ATTITUDE_MESSAGES:
+                    self._lens.take(message, arrived_s)
         if name not in GIMBAL_MESSAGES:
             self._state.update(message, arrived_s)
         if name not in ("GLOBAL_POSITION_INT", "ATTITUDE") or message.get_srcSystem() != self._state.system:
@@ -252,6 +286,8 @@ class MavlinkDrone(PilotedDrone):
             if boot_s < self._newest_boot_s - _REBOOT_S:
                 _LOG.warning("the autopilot's clock went back from %.1f to %.1f s", self._newest_boot_s, boot_s)
                 self._poses.clear()
+                if self._lens is not None:
+                    self._lens.clear()
                 self._newest_boot_s = boot_s
             self._newest_boot_s = max(self._newest_boot_s, boot_s)
             self._boot.observe(boot_s, arrived_s)

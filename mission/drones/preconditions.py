@@ -67,17 +67,20 @@ def unfit(telemetry: Telemetry, min_battery_fraction: float) -> str | None:
 
 
 def gimbal_refusal(telemetry: Telemetry, *, ignored: bool) -> str | None:
-    """Why a camera that is told as fixed to the aircraft must not be believed, or None.
+    """Why what the camera file says of a gimbal must not be believed, or None.
 
     Args:
         telemetry: the newest.
         ignored: the operator has said that the camera is not on the gimbal.
     """
+    if telemetry.gimbal_trouble:
+        return telemetry.gimbal_trouble
     if ignored or not telemetry.gimbal:
         return None
     return (
         f"the aircraft carries a gimbal ({telemetry.gimbal}), and the camera is told as fixed: a stabilised camera "
-        "would be answered a third wrong. If this camera is not on it, set camera.ignore_gimbal"
+        'would be answered a third wrong. Say gimbal = "mavlink" in its camera file, or set camera.ignore_gimbal where '
+        "this camera is not on it"
     )
 
 

@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 from mission.records import Matrix, NoiseModel, Vector
 from mission.steady.rotations import exponential
 
+_NORTH_TOLD_RAD = math.radians(2.0)
+"""What a compass is off by is no news."""
 PoseSource = Literal["attitude", "steadied"]
 """attitude: as the aircraft reports it, at most corrected as its neighbours are; steadied: from the frame's points."""
 
@@ -97,15 +99,25 @@ class Steadied:
     """Share of the points' sightings that agree with a world that stands still; NaN where that was not found out."""
     reason: str | None = None
     """Why the telemetry's attitude was used as it is; None where it was steadied."""
+    north_rad: float = 0.0
+    """By how much the reported headings of the camera were off, clockwise positive, by the way that was flown."""
+    north_sigma_rad: float = math.inf
+    """How well the way that was flown tells north."""
 
     def note(self) -> str:
         """For the flight's log, in one sentence."""
         if self.reason is not None:
             return f"Attitude as the aircraft reports it, not steadied by the background: {self.reason}"
         frames = sum(pose.source == "steadied" for pose in self.poses)
+        north = ""
+        if abs(self.north_rad) > max(_NORTH_TOLD_RAD, 3.0 * self.north_sigma_rad):
+            north = (
+                f"; the reported heading of the camera was {math.degrees(self.north_rad):+.1f} degrees off "
+                f"(+-{math.degrees(self.north_sigma_rad):.1f}), by the way that was flown"
+            )
         return (
             f"Attitude and path steadied by the background in {frames} of {len(self.poses)} frames "
-            f"({self.residual_px:.2f} px, {100.0 * self.still_share:.0f} % of the points stand still)"
+            f"({self.residual_px:.2f} px, {100.0 * self.still_share:.0f} % of the points stand still){north}"
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,6 +21,7 @@ from mission.steady.point_tracks import PointTracker
 from mission.steady.projection import Cameras, Rows
 from mission.steady.reports import ErrorLevels, Reports
 from mission.steady.resection import LEAST_POINTS, Resection, resect
+from mission.steady.rotations import rotation_logarithm
 from mission.steady.similarity import Similarity, most_likely_similarity
 from mission.steady.steadied import (
     AttitudeCurves,
@@ -245,7 +247,12 @@ class Steadier:
         curves = AttitudeCurves(times_s, angles(reports.cameras), angles(cameras), points)
         residual_px = solved.bundle.scale * self._camera.intrinsics.fx
         achieved = achieved_noise(solved.bundle, solved.similarity, noise)
-        return Steadied(poses, achieved, curves, trails, residual_px, solved.bundle.still_share)
+        # A turn about up that is positive in front of the reported attitude makes it look further to the west.
+        told = cameras.rotation @ np.swapaxes(reports.cameras.rotation, 1, 2)
+        off_rad = float(np.median(rotation_logarithm(told)[:, 2]))
+        sigma_rad = math.sqrt(float(solved.similarity.covariance[3, 3]))
+        still = solved.bundle.still_share
+        return Steadied(poses, achieved, curves, trails, residual_px, still, None, off_rad, sigma_rad)
 
 
 def _told_apart(trails: PointTrails, tracks: NDArray[np.intp], still: NDArray[np.bool_]) -> PointTrails:

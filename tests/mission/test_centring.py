@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ def flown(tells: dict[Stage, list[TimeOffset | None]], monkeypatch: pytest.Monke
     scene = Scene()
     scene.settings = MissionSettings()
     meter = Meter(scene, tells)
-    monkeypatch.setattr("mission.locate.TimeOffsetMeter", lambda _: meter)
+    monkeypatch.setattr("mission.locate.TimeOffsetMeter", Mock(return_value=meter))
     return scene.run(), meter, scene
 
 

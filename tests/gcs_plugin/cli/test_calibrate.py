@@ -58,7 +58,7 @@ class NoDrone:
     closed = 0
     fails = False
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, camera: Camera) -> None:
         self.url = url
 
     def connect(self, timeout_s: float) -> None:
