@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from mission.pattern import fitted, lateral_path
+from mission.drones.pose_quality import COMPASS_SIGMA_RAD
 from mission.records import ClassHeight, NoiseModel, TargetPrior
 from mission.settings import PatternSettings
 from sitl import wide_family
@@ -137,7 +138,10 @@ def scaled(noise: NoiseModel, by: float) -> NoiseModel:
 
 
 def _wide(usual: NoiseModel, rng: np.random.Generator) -> tuple[NoiseModel, NoiseModel]:
-    """Noise that is made, and noise that is claimed; the detector's is as usual in both."""
+    """Noise that is made, and noise that is claimed: of the compass what flights write of one that nobody measured.
+
+    The detector's noise is as usual in both.
+    """
 
     def level() -> float:
         return wide_family.factor(rng, wide_family.LEVEL_RANGE)
@@ -159,6 +163,7 @@ def _wide(usual: NoiseModel, rng: np.random.Generator) -> tuple[NoiseModel, Nois
     lie = wide_family.factor(rng, wide_family.CLAIM_RANGE)
     claimed = replace(
         usual,
+        heading_bias_sigma_rad=COMPASS_SIGMA_RAD,
         position_sigma_m=lie * usual.position_sigma_m,
         position_walk_m_per_sqrt_s=lie * usual.position_walk_m_per_sqrt_s,
     )
