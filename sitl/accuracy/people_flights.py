@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from mission.pattern import fitted, lateral_path
 from mission.drones.pose_quality import COMPASS_SIGMA_RAD
+from mission.pattern import fitted, lateral_path
 from mission.records import ClassHeight, NoiseModel, TargetPrior
 from mission.settings import PatternSettings
 from sitl import wide_family
