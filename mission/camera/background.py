@@ -55,6 +55,8 @@ class BackgroundRotation:
         self._size = round(intrinsics.width_px / self._scale), round(intrinsics.height_px / self._scale)
         self._last: Image | None = None
         self._points: NDArray[np.float32] = np.empty((0, 2), dtype=np.float32)
+        self.matched: tuple[Matrix, Matrix] | None = None
+        """Points (n, 2) of the last two pictures that `measure` compared, in pixels of the intrinsics' size."""
 
     def restart(self) -> None:
         """Forget the last frame."""
@@ -67,7 +69,20 @@ class BackgroundRotation:
             image: BGR, of the intrinsics' size or scaled from it.
         """
         small = cv2.resize(image, self._size, interpolation=cv2.INTER_AREA)
-        grey: Image = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+        return self.measure_small(np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), dtype=np.uint8))
+
+    @property
+    def work_size(self) -> tuple[int, int]:
+        """Width and height of the pictures that `measure_small` takes."""
+        return self._size
+
+    def measure_small(self, grey: Image) -> Turn | None:
+        """The same from a grey picture of the work size.
+
+        Args:
+            grey: shape (height, width) of `work_size`.
+        """
+        self.matched = None
         turn = None
         if self._last is not None and len(self._points) >= _MIN_POINTS:
             turn = self._turn(self._last, grey)
@@ -93,17 +108,32 @@ class BackgroundRotation:
         if len(new) < _MIN_POINTS:
             return None
         # The work picture's pixel (x, y) counts from the middle of its first pixel, the model's from the outer corner.
-        rays = self._model.ray((np.concatenate([old, new]).astype(float) + 0.5) * self._scale)
-        rays_old, rays_new = rays[: len(old)], rays[len(old) :]
-        finite = np.isfinite(rays_old).all(axis=1) & np.isfinite(rays_new).all(axis=1)
-        row = (new[finite, 1].astype(float) + 0.5) * self._scale
-        vector, weight, row_px = _robust_rotation(rays_old[finite], rays_new[finite], self._down, row)
-        kept = np.zeros(len(new), dtype=bool)
-        kept[np.flatnonzero(finite)[weight > 0.1]] = True
+        self.matched = (old.astype(float) + 0.5) * self._scale, (new.astype(float) + 0.5) * self._scale
+        turn, kept = rotation_between(*self.matched, self._model, self._down)
         self._points = new[kept]
-        if np.count_nonzero(kept) < _MIN_POINTS:
-            return None
-        return Turn(vector, row_px, int(np.count_nonzero(kept)))
+        return turn
+
+
+def rotation_between(
+    before_px: Matrix, now_px: Matrix, model: CameraModel, down: Vector
+) -> tuple[Turn | None, NDArray[np.bool_]]:
+    """The camera's rotation from points that are matched already, and which of them (n,) agree with it.
+
+    Args:
+        before_px: (n, 2) in the picture before.
+        now_px: (n, 2) in this one.
+        model: the lens.
+        down: (3,) unit vector, camera axes.
+    """
+    rays = model.ray(np.concatenate([before_px, now_px]))
+    rays_old, rays_new = rays[: len(before_px)], rays[len(before_px) :]
+    finite = np.isfinite(rays_old).all(axis=1) & np.isfinite(rays_new).all(axis=1)
+    vector, weight, row_px = _robust_rotation(rays_old[finite], rays_new[finite], down, now_px[finite, 1])
+    kept = np.zeros(len(now_px), dtype=bool)
+    kept[np.flatnonzero(finite)[weight > 0.1]] = True
+    if np.count_nonzero(kept) < _MIN_POINTS:
+        return None, kept
+    return Turn(vector, row_px, int(np.count_nonzero(kept))), kept
 
 
 def _robust_rotation(before: Matrix, now: Matrix, down: Vector, row: Vector) -> tuple[Vector, Vector, Vector]:

@@ -102,12 +102,16 @@ class TimeOffsetMeter:
             self._background.restart()
         turn = self._background.measure(frame.image)
         if turn is not None and self._last_s is not None:
-            shutter_s = np.array([self._camera.row_time_s(0.0, float(row)) for row in turn.row_px])
-            self._pairs.append(_Pair(self._last_s, frame.t_s, turn.rotation_vector, shutter_s))
+            self.add_turn(self._last_s, frame.t_s, turn)
         self._last_s = frame.t_s
         while self._pairs and frame.t_s - self._pairs[0].from_s > self._span_s:
             self._pairs.popleft()
         return turn
+
+    def add_turn(self, from_s: float, to_s: float, turn: Turn) -> None:
+        """Take in how the camera turned between two frames, where that was measured elsewhere."""
+        shutter_s = np.array([self._camera.row_time_s(0.0, float(row)) for row in turn.row_px])
+        self._pairs.append(_Pair(from_s, to_s, turn.rotation_vector, shutter_s))
 
     def measure(self, pose_at: Callable[[float], Pose | None]) -> TimeOffset | None:
         """The offset from all that was collected.

@@ -1,0 +1,1 @@
+"""Locating people in recorded flights: nobody flies, the pictures and the log are all there is."""
