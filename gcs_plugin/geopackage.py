@@ -29,7 +29,7 @@ USER_VERSION: Final = 10300
 SRS_ID: Final = 4979
 
 # Tables of annex C; `definition_12_063` is the extension gpkg_crs_wkt (annex F.10), which a 3D reference system needs.
-_SCHEMA: Final = """
+SCHEMA: Final = """
 CREATE TABLE gpkg_spatial_ref_sys (
   srs_name TEXT NOT NULL, srs_id INTEGER PRIMARY KEY, organization TEXT NOT NULL,
   organization_coordsys_id INTEGER NOT NULL, definition TEXT NOT NULL, description TEXT,
@@ -76,11 +76,9 @@ def create(path: Path, layer: str, description: str, columns: Mapping[str, str])
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {USER_VERSION}")
             connection.execute("BEGIN")
-            for statement in _SCHEMA.split(";\n"):
+            for statement in SCHEMA.split(";\n"):
                 connection.execute(statement)
-            connection.executemany(
-                "INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?, ?)", _reference_systems()
-            )
+            connection.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?, ?)", reference_systems())
             fields = "".join(f', "{name}" {kind}' for name, kind in columns.items())
             connection.execute(
                 f'CREATE TABLE "{layer}" (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POINT{fields})'
@@ -206,7 +204,7 @@ def _name_once(draft: Path, path: Path) -> None:
         draft.rename(path)
 
 
-def _reference_systems() -> list[tuple[str, int, str, int, str, str, str]]:
+def reference_systems() -> list[tuple[str, int, str, int, str, str, str]]:
     """Requirement 11's three, and the layer's own."""
     flat, solid = CRS.from_epsg(4326), CRS.from_epsg(SRS_ID)
     wkt2 = "WKT2_2015"  # OGC 12-063

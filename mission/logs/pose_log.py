@@ -20,6 +20,8 @@ Clock = Literal["vehicle", "video"]
 LEAST_GAP_S = 0.3
 MOST_GAP_S = 1.5
 """No pose is interpolated across a longer gap, whatever the log's usual rate."""
+UNKNOWN_ACCURACY_M = 4.6
+"""Horizontal, 1-sigma of the radius, of a plain GPS receiver (95 % within 8 m: SPS performance standard, 2020)."""
 _GAP_FACTOR = 2.6
 _TURN_ACCELERATION_RAD_S2 = 0.5
 """Of an aircraft that carries a camera, rms: what an attitude between two reports may miss."""
@@ -124,7 +126,7 @@ class PoseLog:
             buffer.add_position(t_s, place, speed)
         for t_s, wxyz in zip(pointing.t_s.tolist(), pointing.world_from_body_wxyz, strict=True):
             buffer.add_attitude(t_s, wxyz)
-        noise, horizontal = self.noise, self.accuracy_m or 2.0
+        noise, horizontal = self.noise, self.accuracy_m or UNKNOWN_ACCURACY_M
         place_m2 = np.diag([horizontal**2 / 2.0, horizontal**2 / 2.0, (1.5 * horizontal) ** 2])
         tilt = noise.tilt_bias_sigma_rad**2 + noise.tilt_sigma_rad**2
         turn_rad2 = np.diag([tilt, tilt, noise.heading_bias_sigma_rad**2 + noise.heading_sigma_rad**2])

@@ -24,9 +24,14 @@ from mission.records import Matrix, Vector
 
 STEP_S = 0.1
 _LEAST_OVERLAP_S = 3.0
-_LEAST_LIKENESS = 0.5
-_CLEARLY = 0.12
-"""By how much the best shift must be more alike than any other."""
+_LEAST_LIKENESS = 0.7
+"""Of another flight's log the best of many shifts reaches 0.6 by chance."""
+_ALIKE = 0.85
+"""From which on the coarse shift is believed where the fine one cannot be told."""
+_CLEARLY = 6.0
+"""By how much more likely (log of the ratio) the best shift must be than any other."""
+_INDEPENDENT_HZ = 1.0
+"""Numbers a second that say something of their own, in the likelihood of a shift."""
 _APART_S = 1.5
 _AROUND_S = 0.3
 _WINDOW_S = 20.0
@@ -161,8 +166,11 @@ def find_time(
     quick = np.linalg.norm(picture.rate, axis=1).max(initial=0.0) >= _LEAST_RATE_RAD_S
     if likeness < _LEAST_LIKENESS or not quick:
         return _or_refused(guess_s, guess_sigma_s, _why(quick=bool(quick), likeness=likeness), likeness)
-    if likeness - runner_up < _CLEARLY and not same_clock:
-        near = None if guess_s is None else _nearest_peak(offset_s, score, guess_s, 3.0 * guess_sigma_s, likeness)
+    seconds = float(overlap_s[best])
+    if _more_likely(likeness, runner_up, seconds) < _CLEARLY and not same_clock:
+        near = None
+        if guess_s is not None:
+            near = _nearest_peak(offset_s, score, guess_s, 3.0 * guess_sigma_s, likeness, seconds)
         if near is None:
             raise LogError(
                 f"the video fits at two places of the log equally well (correlation {likeness:.2f} and "
@@ -171,6 +179,8 @@ def find_time(
             )
         best = near
     refined = refine(turns, log, camera, float(offset_s[best]))
+    if refined is None and likeness < _ALIKE:
+        return _or_refused(guess_s, guess_sigma_s, _why(quick=True, likeness=likeness), likeness)
     if refined is None:
         sigma = STEP_S / 2.0
         return FoundTime(
@@ -228,11 +238,19 @@ def busiest(turns: Sequence[TimedTurn]) -> list[tuple[float, float]]:
     return chosen[:_WINDOWS]
 
 
-def _nearest_peak(offset_s: Vector, score: Vector, guess_s: float, within_s: float, likeness: float) -> int | None:
+def _more_likely(one: float, other: float, seconds: float) -> float:
+    """Log of the likelihood ratio of two shifts with these correlations over a time: their residuals' variances."""
+    left = [max(1.0 - min(max(r, 0.0), 0.999) ** 2, 1e-6) for r in (other, one)]
+    return 0.5 * seconds * _INDEPENDENT_HZ * math.log(left[0] / left[1])
+
+
+def _nearest_peak(
+    offset_s: Vector, score: Vector, guess_s: float, within_s: float, likeness: float, seconds: float
+) -> int | None:
     """The best shift near the guess, if it is about as good as the best of all."""
     near = np.where(np.abs(offset_s - guess_s) <= within_s, score, -np.inf)
     best = int(np.argmax(near))
-    return best if near[best] > likeness - _CLEARLY else None
+    return best if _more_likely(likeness, float(near[best]), seconds) < _CLEARLY else None
 
 
 def _why(*, quick: bool, likeness: float) -> str:
