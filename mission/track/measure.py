@@ -13,6 +13,9 @@ from mission.records import Box, Image, Vector
 
 _EDGE = 0.06
 """A box that comes this close to the edge of the picture, in body heights, may be cut off by it."""
+_CROWD_BODY_PX = 80.0
+_CROWD_SIZE = (352, 192)
+"""The window in which everybody around the target is looked for, pixels: about three of those of one person."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +114,9 @@ class Eyes:
         """
         size = (192, 192) if wide else WindowedNanoDet.SIZE
         window = cut_window(image, centre, height_px, WindowedNanoDet.BODY_PX, size, roll_rad)
+        return window, self._in(window)
+
+    def _in(self, window: Window) -> list[Extent]:
         margin = _EDGE * WindowedNanoDet.BODY_PX
         answer = []
         for found in self._nanodet.bodies(window.image):
@@ -132,7 +138,21 @@ class Eyes:
                     any(not _holds(window, *side) and window.shows(*side) for side in (above, below, *beside)),
                 )
             )
-        return window, answer
+        return answer
+
+    def everybody(
+        self, image: Image, centre: tuple[float, float], height_px: float, roll_rad: float
+    ) -> tuple[Window, list[Extent]]:
+        """All people two body heights to each side of a place, best score first.
+
+        Args:
+            image: the frame, BGR.
+            centre: frame pixels.
+            height_px: the height expected.
+            roll_rad: of the camera.
+        """
+        window = cut_window(image, centre, height_px, _CROWD_BODY_PX, _CROWD_SIZE, roll_rad)
+        return window, self._in(window)
 
     def entire(self, image: Image, body: Extent, roll_rad: float) -> Extent:
         """A body again, in a window around what is seen of it; where it is not found there, as it was.

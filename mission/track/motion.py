@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mission.records import Vector
-from mission.track import noise
 from mission.track.drift import DriftFilter
-from mission.track.measure import Extent
 
 _SPEED_SIGMA = 0.3
 """Body heights per second: walking, and the camera's travel told wrongly."""
@@ -73,13 +71,6 @@ class Motion:
     def see(self, axis: int, measured_px: float, sigma: float) -> None:
         """Use a measured place; axis 0 is x, 1 is y; sigma in body heights."""
         self._place[axis].update(measured_px, sigma * self.height_px)
-
-    def see_box(self, body: Extent, roll_rad: float) -> bool:
-        """Use the middle of a detector's box; False where neither end of the body is seen, which tells nothing."""
-        middle = body.middle(self.height_px, roll_rad)
-        for axis, value in enumerate(middle or ()):
-            self.see(axis, value, noise.BOX_SIDEWAYS_SIGMA)
-        return middle is not None
 
     def see_height(self, height_px: float, sigma: float) -> None:
         """Use a measured height; sigma of its logarithm."""

@@ -1,16 +1,16 @@
 """The tracker: the same person from frame to frame, or "lost"; never somebody else.
 
-HOG (every other frame) says where the body is sideways: it learnt head, shoulders and torso, so it hardly swings with
-arms and legs. NanoDet (the frames between) says how high and how tall the body is, which HOG does poorly. Neither has a
-memory, so neither drifts, and both look at upright windows scaled to the body, so that whatever bias they have is the
-same at all distances. Correlation of head and shoulders bridges the frames that neither understands; it is not used
-beyond that, since in front of a background that moves it slides off the body. Colours decide whether it is still the
-same person.
+Who is who is decided among everybody in view (`crowd`), by place, size and colours; only while nearly all of the weight
+is on one of them the target is "tracking". Where it is, to a fraction of a pixel, is measured by two detectors in
+upright windows scaled to the body, so that whatever bias they have is the same at all distances: HOG says where the
+body is sideways, since it learnt head, shoulders and torso, which hardly swing with arms and legs; NanoDet says how
+high and how tall it is. Neither has a memory, so neither drifts. Correlation of head and shoulders bridges the frames
+that neither understands; it is not used beyond that, since in front of a background that moves it slides off the body.
 """
 
 from __future__ import annotations
 
-from copy import deepcopy
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -21,38 +21,38 @@ from mission.detect.window import Window, cut_window
 from mission.errors import DetectionError
 from mission.records import Box, Frame, Image, Vector
 from mission.track import noise
-from mission.track.appearance import adapted, colours, likeness
+from mission.track.appearance import Histogram, colours
+from mission.track.crowd import Body, Crowd, Told
 from mission.track.measure import Extent, Eyes, away
-from mission.track.meeting import told_apart
 from mission.track.motion import Motion
-from mission.track.other import may_be_taken_for, seen_again
 from mission.track.target import NEAR, Target, beside
 from mission.track.template import Template
 from mission.track.track import Track, TrackState
+from mission.track.walk import Seen, Walk
 from mission.track.whole_body import whole_body
 
-COASTING_S = 2.5
-"""How long a hidden person is waited for: a walker needs that to pass behind a car, half covered to half free."""
+COASTING_S = 3.5
+"""How long a hidden person is waited for: a walker needs that to pass behind a car or the corner of a house."""
 _BODY = WindowedHog.BODY_PX
 _MIDDLE = np.array(WindowedHog.SIZE) / 2.0
-_SAME_LOOKS = 0.55
-"""Smallest likeness of colours that may be the same person."""
-_SAME_LOOKS_ALONE = 0.4
-"""The same for who was followed until now with nobody near: a part may be in the shade, or half out of the picture."""
-_ALONE_S = 1.5
-"""How long nobody else must have been near."""
-_SURE_LOOKS = 0.75
-"""Likeness from which on the memory of the colours follows the light."""
+_SURE = (0.9, 0.97)
+"""Probability from which on who is followed goes on to be, and from which on somebody is taken for the target again."""
+_LOOK_S = 0.12
+"""How often everybody is looked at while the target is in view; while it is not, in every frame."""
+_RETURNING = 2
+"""In how many looks running somebody must surely be the target to be followed after it was out of sight."""
+_ASTRAY = 0.3
+"""A measured place this far from the box that was told, in body heights, is of something else."""
 _GOOD_MATCH = 0.7
 """Smallest correlation that is believed."""
 _UNSEEN_S = 0.25
 """How long correlation is believed without a detector agreeing: later it may have slid onto the background."""
-_EARLIER_S = 0.25
-"""How far back, at least, the motion is taken from when the person disappears: what was seen last was half a person."""
 _TEMPLATE_S = 0.2
 """Age at which the template is renewed."""
 _FRESH_HEIGHT_S = 0.5
 """How long a height is reported after it was last measured."""
+_BOTH_S = 0.08
+"""Time between frames from which on both detectors look at each."""
 
 
 class Tracker:
@@ -65,7 +65,6 @@ class Tracker:
     def __init__(self, network: NanoDet | None = None) -> None:
         self._eyes = Eyes(network or NanoDet())
         self._target: Target | None = None
-        self._lost = True
         self._frames = 0
 
     def start(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> None:
@@ -79,10 +78,7 @@ class Tracker:
         Raises:
             DetectionError: there is no person in the box.
         """
-        body = whole_body(self._eyes, frame.image, box, roll_rad)
-        _, bodies = self._eyes.bodies(frame.image, body.centre, body.height_px, roll_rad)  # now at the right scale
-        body = min(bodies, key=lambda b: float(np.hypot(*np.subtract(b.centre, body.centre))), default=body)
-        self._begin(frame, body.centre, body.height_px, not body.whole, roll_rad)
+        self._begin(frame, self._whole(frame, box, roll_rad), roll_rad)
 
     def take_back(self, frame: Frame, box: Box, roll_rad: float = 0.0) -> bool:
         """Follow the target again, after it was lost, if it is who is in a box: the colours tell.
@@ -98,13 +94,10 @@ class Tracker:
         target = self._target
         if target is None:
             raise DetectionError("The tracker was not started", "Choose a target first.")
-        body = whole_body(self._eyes, frame.image, box, roll_rad)
-        window = _upright(frame.image, body.centre, body.height_px, roll_rad)
-        if likeness(colours(window, _MIDDLE, _BODY), target.looks) < _SAME_LOOKS:
+        body = self._whole(frame, box, roll_rad)
+        if not target.crowd.looks_like_target(_looks(frame.image, body, body.tall(body.height_px), roll_rad)):
             return False
-        self.start(frame, box, roll_rad)
-        if self._target is not None:
-            self._target.looks = target.looks
+        self._begin(frame, body, roll_rad).crowd.remember(target.crowd)
         return True
 
     def update(
@@ -117,8 +110,8 @@ class Tracker:
         """Follow the target into the next frame.
 
         Args:
-            frame: newer than the last one.
-            shift_px: how far the picture is expected to have moved at the target, by the camera's own rotation since
+            frame: the next frame.
+            shift_px: how far the picture moved, around the target, by the camera's own rotation since
                 the last frame.
             roll_rad: of the camera about its optical axis, positive with the right side down; without it, size and
                 place wander a little with the camera's roll.
@@ -131,68 +124,122 @@ class Tracker:
         target = self._target
         if target is None:
             raise DetectionError("The tracker was not started", "Choose a target first.")
-        if self._lost:
-            return self._track(frame, target, "lost", 0.0)
+        if target.state == "lost":
+            return self._track(frame, target, 0.0)
         self._frames += 1
-        hidden = target.seen_s < target.t_s
-        target.foretell(frame.t_s, shift_px, passed)
-        if hidden:
-            return self._look_for(frame, target, roll_rad)
-        return self._follow(frame, target, roll_rad)
+        dt_s = target.foretell(frame.t_s, shift_px, passed)
+        if target.state == "coasting" or frame.t_s - target.look_s >= _LOOK_S:
+            self._look(frame, target, roll_rad)
+        if target.state == "tracking" and not self._measure(frame, target, roll_rad, dt_s):
+            # Nobody is where the target should be: everybody has to be looked at.
+            if target.look_s < frame.t_s:
+                self._look(frame, target, roll_rad)
+            if target.state == "tracking" and target.box is None:
+                target.state = "coasting"
+        if target.state == "coasting":
+            return self._coast(frame, target)
+        target.seen_s = frame.t_s
+        return self._track(frame, target, target.alike)
 
-    def _begin(self, frame: Frame, centre: tuple[float, float], height: float, cut_off: bool, roll: float) -> None:
+    def _whole(self, frame: Frame, box: Box, roll_rad: float) -> Extent:
+        body = whole_body(self._eyes, frame.image, box, roll_rad)
+        _, bodies = self._eyes.bodies(frame.image, body.centre, body.height_px, roll_rad)  # now at the right scale
+        return min(bodies, key=lambda b: float(np.hypot(*np.subtract(b.centre, body.centre))), default=body)
+
+    def _begin(self, frame: Frame, body: Extent, roll: float) -> Target:
+        height, centre = body.height_px, body.centre
         window = _upright(frame.image, centre, height, roll)
         hog = self._eyes.centre(window, NEAR)
         if hog is not None:
             window = _upright(frame.image, window.to_frame(hog.x_px, float(_MIDDLE[1])), height, roll)
-        size_sigma = noise.CUT_OFF_SIZE_SIGMA if cut_off else noise.HEIGHT_SIGMA
-        motion = Motion(window.to_frame(*_MIDDLE), height, noise.SIDEWAYS_SIGMA, size_sigma)
+        size_sigma = noise.HEIGHT_SIGMA if body.whole else noise.CUT_OFF_SIZE_SIGMA
+        place = window.to_frame(*_MIDDLE)
+        looks = colours(window, _MIDDLE, _BODY)
+        seen = Seen(*place, math.log(height) if body.whole else None)
+        crowd = Crowd(Body(seen, looks, height), frame.t_s)
         self._target = Target(
             t_s=frame.t_s,
-            motion=motion,
-            earlier=deepcopy(motion),
-            next_earlier=deepcopy(motion),
-            earlier_s=frame.t_s,
-            looks=colours(window, _MIDDLE, _BODY),
+            motion=Motion(place, height, noise.SIDEWAYS_SIGMA, size_sigma),
+            crowd=crowd,
             template=Template.cut(window.image, _MIDDLE, _BODY, frame.t_s),
             seen_s=frame.t_s,
             agreed_s=frame.t_s,
-            height_s=-np.inf if cut_off else frame.t_s,
+            height_s=frame.t_s if body.whole else -np.inf,
             whole_s=frame.t_s,
-            cut_off=cut_off,
+            look_s=frame.t_s,
+            cut_off=not body.whole,
         )
-        self._lost = False
+        return self._target
 
-    def _follow(self, frame: Frame, target: Target, roll: float) -> Track:
-        if target.other is not None and target.other.meets(target.motion, frame.t_s):
-            return self._part(frame, target)
+    def _look(self, frame: Frame, target: Target, roll: float) -> None:
+        """Look at everybody, and decide whether one of them is surely the target."""
+        target.look_s = frame.t_s
+        walk = target.crowd.best.people[0].walk
+        window, found = self._eyes.everybody(frame.image, (walk.x_px, walk.y_px), walk.height_px, roll)
+        bodies = [_body(window, one, walk.height_px, roll) for one in found]
+        told = target.crowd.look(bodies, frame.t_s, lambda w: _in_view(window, w))
+        target.alike = told.alike
+        target.box = None if told.box is None else found[told.box]
+        target.near = tuple(one for k, one in enumerate(found) if k != told.box)
+        sure = told.box is not None and told.probability >= _SURE[target.state != "tracking"]
+        target.sure = target.sure + 1 if sure else 0
+        if target.state == "tracking":
+            if not sure:
+                target.state = "coasting"
+                target.motion.vanish()
+        elif target.sure >= _RETURNING:
+            self._resume(frame, target, told, roll)
+
+    def _resume(self, frame: Frame, target: Target, told: Told, roll: float) -> None:
+        """The target is in view again."""
+        body, height = target.box, told.person.walk.height_px
+        if body is None:
+            return
+        size = body.height_px if body.whole else height
+        place = body.middle(size, roll) or body.centre
+        target.motion = Motion(
+            place, size, noise.BOX_SIDEWAYS_SIGMA, noise.HEIGHT_SIGMA if body.whole else noise.CUT_OFF_SIZE_SIGMA
+        )
+        target.template = None
+        target.state = "tracking"
+        target.agreed_s = target.whole_s = frame.t_s
+
+    def _measure(self, frame: Frame, target: Target, roll: float, dt_s: float) -> bool:
+        """Where the target is, finely; False where nothing sees it."""
+        told = target.box if target.look_s == frame.t_s else None
+        if told is not None and away(told, target.motion.pixel, target.motion.height_px, roll) > (
+            _ASTRAY * target.motion.height_px
+        ):
+            self._resume_at(target, told, roll)
         window = _upright(frame.image, target.motion.pixel, target.motion.height_px, roll)
         looks = [self._see_sideways, self._see_upright]
         if self._frames % 2:
             looks.reverse()
-        # Where one detector does not see the target, the other may.
-        agreed = any(look(frame, target, window, roll) for look in looks)
-        if target.other is not None and target.other.meets(target.motion, frame.t_s):
-            return self._part(frame, target)
+        agreed = False
+        for look in looks:
+            # Where one detector does not see the target, the other may.
+            if not agreed or dt_s >= _BOTH_S:
+                agreed = look(frame, target, window, roll) or agreed
+        if not agreed and told is not None:
+            agreed = self._use(frame, target, told, roll)
         if not agreed and not self._correlate(frame, target, window):
-            return self._vanish(frame, target, 0.0)
+            return False
         body = np.array(window.to_window(*_pair(target.motion.pixel)))
-        seen = colours(window, body, _BODY)
-        alike = likeness(seen, target.looks)
-        alone = agreed and frame.t_s - target.company_s > _ALONE_S
-        if alike < (_SAME_LOOKS_ALONE if alone else _SAME_LOOKS) or not _inside(window, body):
-            return self._vanish(frame, target, alike)
-        target.seen_s = frame.t_s
-        if frame.t_s - target.earlier_s >= _EARLIER_S:
-            target.earlier, target.next_earlier = target.next_earlier, deepcopy(target.motion)
-            target.earlier_s = frame.t_s
+        if not _inside(window, body):
+            target.box = None
+            return False
         if agreed:
             target.agreed_s = frame.t_s
-            if alike > _SURE_LOOKS:
-                target.looks = adapted(target.looks, seen, 0.02)
             if target.template is None or frame.t_s - target.template.t_s >= _TEMPLATE_S:
                 target.template = Template.cut(window.image, body, _BODY, frame.t_s)
-        return self._track(frame, target, "tracking", alike)
+        return True
+
+    def _resume_at(self, target: Target, body: Extent, roll: float) -> None:
+        """The fine measurement has strayed from the box that was told."""
+        size = body.height_px if body.whole else target.motion.height_px
+        place = body.middle(size, roll) or body.centre
+        target.motion = Motion(place, size, noise.BOX_SIDEWAYS_SIGMA, noise.CUT_OFF_SIZE_SIGMA)
+        target.template = None
 
     def _see_sideways(self, _frame: Frame, target: Target, window: Window, _roll: float) -> bool:
         """HOG: where the body is sideways."""
@@ -209,17 +256,16 @@ class Tracker:
         _, bodies = self._eyes.bodies(frame.image, _pair(expected), height, roll)
         bodies.sort(key=lambda b: away(b, expected, height, roll))
         body = next((b for b in bodies if target.may_be(b, roll)), None)
-        others = [b for b in bodies if b is not body]
-        target.crowded = any(beside(b, expected, height) for b in others)
-        target.company_s = frame.t_s if others else target.company_s
-        others = [
-            b for b in others if may_be_taken_for(b, height) and self._alike(frame, target, b, roll) > _SAME_LOOKS
-        ]
-        target.other = seen_again(target.other, others, target.motion, frame.t_s, roll, body)
+        target.crowded = any(beside(b, expected, height) for b in [*bodies, *target.near] if b is not body)
         if body is None:
             return False
         if body.window_cuts:
             body = self._eyes.entire(frame.image, body, roll)
+        return self._use(frame, target, body, roll)
+
+    def _use(self, frame: Frame, target: Target, body: Extent, roll: float) -> bool:
+        """Take in how high and how tall a body is."""
+        height = target.motion.height_px
         stretched = body.whole and target.stretched(body, roll)
         target.cut_off = stretched or not body.whole
         middle = replace(body, feet_visible=False).middle(height, roll) if stretched else body.middle(height, roll)
@@ -234,13 +280,6 @@ class Tracker:
             target.motion.see(0, body.centre[0], noise.BOX_SIDEWAYS_SIGMA)
         return True
 
-    def _alike(self, frame: Frame, target: Target, body: Extent, roll: float) -> float:
-        """How much somebody looks like the target; where the other end of who is cut off would be is a guess."""
-        seen = colours(_around(frame.image, target, body, roll), _MIDDLE, _BODY)
-        if not body.whole and body.head_visible != body.feet_visible:
-            seen[1 if body.head_visible else 0] = 0.0
-        return likeness(seen, target.looks)
-
     def _correlate(self, frame: Frame, target: Target, window: Window) -> bool:
         """Head and shoulders by correlation with the last frames: a bridge over frames that no detector understands."""
         if target.template is None or frame.t_s - target.agreed_s > _UNSEEN_S:
@@ -252,87 +291,20 @@ class Tracker:
             target.motion.see(axis, value, noise.MATCH_SIGMA)
         return True
 
-    def _vanish(self, frame: Frame, target: Target, score: float) -> Track:
-        # The last frames showed half a person, or already somebody else.
-        target.motion = deepcopy(target.earlier)
-        target.motion.vanish()
-        return self._coast(frame, target, score)
+    def _coast(self, frame: Frame, target: Target) -> Track:
+        if frame.t_s - target.seen_s > COASTING_S:
+            target.state = "lost"
+        return self._track(frame, target, 0.0)
 
-    def _part(self, frame: Frame, target: Target) -> Track:
-        """Somebody of the same looks is about to cover the target: whoever is seen next may be the other one."""
-        target.met_s = frame.t_s
-        target.motion.vanish()
-        if target.other is not None:
-            target.other.motion.vanish()
-        return self._coast(frame, target, 0.0)
-
-    def _coast(self, frame: Frame, target: Target, score: float) -> Track:
-        target.returning = 0
-        if frame.t_s - target.known_s > COASTING_S:
-            self._lost = True
-            return self._track(frame, target, "lost", score)
-        return self._track(frame, target, "coasting", score)
-
-    def _look_for(self, frame: Frame, target: Target, roll: float) -> Track:
-        """Look for somebody of the target's looks and size near where the target should be by now."""
-        hidden_s = frame.t_s - target.known_s
-        height = target.motion.height_px
-        _, bodies = self._eyes.bodies(frame.image, _pair(target.motion.pixel), height, roll, wide=True)
-        if frame.t_s - target.met_s < COASTING_S:
-            bodies = self._after_meeting(frame, target, bodies, roll)
-        best: tuple[float, Extent, Window, float] | None = None
-        for body in bodies:
-            if not body.sides_visible or not target.may_be_again(body, roll, hidden_s):
-                continue
-            window = _around(frame.image, target, body, roll)
-            alike = likeness(colours(window, _MIDDLE, _BODY), target.looks)
-            hog = self._eyes.centre(window, NEAR)
-            # A body half behind something: the two detectors do not agree about its middle.
-            if alike < _SAME_LOOKS + 0.05 or hog is None or abs(hog.x_px - _MIDDLE[0]) > 0.12 * _BODY:
-                continue
-            worth = alike - 0.3 * away(body, target.motion.pixel, height, roll) / height
-            if best is None or worth > best[0]:
-                best = (worth, body, window, hog.x_px)
-        if best is None:
-            return self._coast(frame, target, 0.0)
-        target.returning += 1
-        if target.returning < 3:
-            if hidden_s > COASTING_S:
-                return self._coast(frame, target, 0.0)
-            return self._track(frame, target, "coasting", 0.0)
-        _, body, window, x = best
-        place = np.array([x, _MIDDLE[1]])
-        size = body.height_px if body.whole else height
-        target.motion = Motion(
-            window.to_frame(*place), size, noise.BOX_SIDEWAYS_SIGMA, noise.HEIGHT_SIGMA if body.whole else 0.1
-        )
-        target.earlier, target.next_earlier = deepcopy(target.motion), deepcopy(target.motion)
-        target.template = Template.cut(window.image, place, _BODY, frame.t_s)
-        target.earlier_s = target.seen_s = target.agreed_s = frame.t_s
-        target.returning = 0
-        if target.other is not None and target.other.belied(target.motion, frame.t_s):
-            target.other = None
-        target.cut_off = not body.whole
-        target.whole_s = frame.t_s
-        if not target.cut_off:
-            target.height_s = frame.t_s
-        return self._track(frame, target, "tracking", likeness(colours(window, place, _BODY), target.looks))
-
-    def _after_meeting(self, frame: Frame, target: Target, bodies: list[Extent], roll: float) -> list[Extent]:
-        """The target among people of its looks, or nobody while it could be either."""
-        alike = [b for b in bodies if self._alike(frame, target, b, roll) > _SAME_LOOKS]
-        found = told_apart(alike, target.motion, target.other, frame.t_s, target.known_s, roll)
-        if found is None:
-            return []
-        if target.other is not None and found.other is not None:
-            target.other.see(found.other, frame.t_s, roll, alone=found.apart)
-        if not found.apart and target.motion.see_box(found.target, roll):
-            target.met_s = target.told_s = frame.t_s
-        return [found.target] if found.apart else []
-
-    def _track(self, frame: Frame, target: Target, state: TrackState, score: float) -> Track:
-        height = target.motion.height_px
-        x, y = _pair(target.motion.pixel)
+    def _track(self, frame: Frame, target: Target, score: float) -> Track:
+        state: TrackState = target.state
+        if state == "tracking":
+            height, (x, y) = target.motion.height_px, _pair(target.motion.pixel)
+            filter_px = float(target.motion.sigma_px.max())
+        else:
+            walk = target.crowd.best.people[0].walk
+            height, x, y = walk.height_px, walk.x_px, walk.y_px
+            filter_px = height * walk.sigma
         fresh = state == "tracking" and frame.t_s - target.height_s <= _FRESH_HEIGHT_S
         return Track(
             frame_index=frame.index,
@@ -340,22 +312,40 @@ class Tracker:
             state=state,
             box=Box(x - 0.2 * height, y - 0.5 * height, 0.4 * height, height),
             pixel=(x, y),
-            pixel_sigma_px=noise.pixel_sigma_px(height, float(target.motion.sigma_px.max()), target.cut_off),
+            pixel_sigma_px=noise.pixel_sigma_px(height, filter_px, target.cut_off),
             height_px=height if fresh else None,
             size_sigma=noise.size_sigma(height, frame.t_s - target.height_s) if fresh else None,
             score=float(np.clip(score, 0.0, 1.0)),
         )
 
 
+def _body(window: Window, one: Extent, height: float, roll: float) -> Body:
+    """For the association: middle, height and colours."""
+    tall = one.tall(height)
+    middle = one.middle(tall, roll) or one.centre
+    looks = colours(window, np.array(window.to_window(*middle)), tall * window.scale)
+    if not one.whole and one.head_visible != one.feet_visible:
+        # Where the other end of who is cut off would be is a guess.
+        looks[1 if one.head_visible else 0] = 0.0
+    return Body(Seen(*middle, math.log(one.height_px) if one.whole else None), looks, tall)
+
+
+def _in_view(window: Window, walk: Walk) -> bool:
+    """Whether the middle of the body is in the window and in the picture."""
+    x, y = window.to_window(walk.x_px, walk.y_px)
+    rows, columns = window.image.shape[:2]
+    margin = 0.2 * walk.height_px * window.scale
+    inside = margin < x < columns - margin and margin < y < rows - margin
+    return inside and window.shows(x - margin, y) and window.shows(x + margin, y)
+
+
+def _looks(image: Image, body: Extent, height: float, roll: float) -> Histogram:
+    window = _upright(image, body.middle(height, roll) or body.centre, height, roll)
+    return colours(window, _MIDDLE, _BODY)
+
+
 def _upright(image: Image, centre: tuple[float, float] | Vector, height: float, roll: float) -> Window:
     return cut_window(image, _pair(centre), height, _BODY, WindowedHog.SIZE, roll)
-
-
-def _around(image: Image, target: Target, body: Extent, roll: float) -> Window:
-    """The window of somebody who may be the target."""
-    height = body.tall(target.motion.height_px)
-    # Who fills the picture from top to bottom: their middle is as good as anywhere.
-    return _upright(image, body.middle(height, roll) or body.centre, height, roll)
 
 
 def _pair(point: tuple[float, float] | Vector) -> tuple[float, float]:

@@ -74,7 +74,7 @@ def test_somebody_who_passes_behind_something_is_coasted_and_picked_up_again(net
     assert all(away(t, s) < 0.2 for t, s in zip(tracks, shots[1:], strict=True) if t.state == "tracking")
     gone = [t for t in tracks if t.state == "coasting"]
     assert all(t.height_px is None for t in gone)
-    assert gone[-1].pixel_sigma_px > 3 * tracks[0].pixel_sigma_px
+    assert max(t.pixel_sigma_px for t in gone) > 3 * tracks[0].pixel_sigma_px
 
 
 def test_somebody_who_walks_in_front_is_not_taken_for_the_target(network: NanoDet) -> None:
@@ -102,13 +102,12 @@ def shaded(shot: Shot) -> Frame:
     return Frame(image, shot.frame.t_s, shot.frame.index)
 
 
-@pytest.mark.parametrize(("beside", "state"), [("", "tracking"), (person(6.0, 9.0) + RED, "coasting")])
-def test_who_looks_less_alike_is_kept_if_nobody_else_was_near(beside: str, state: str, network: NanoDet) -> None:
+@pytest.mark.parametrize("beside", ["", person(6.0, 9.0) + RED])
+def test_who_stands_in_plain_view_is_kept_when_a_shadow_falls_on_them(beside: str, network: NanoDet) -> None:
     light = 'clothes = { shirt = "#9fc0e0", trousers = "#a08060" }\n'
     shots = film(person(6.0) + light + beside, 42)
     tracks = follow(shots, network, lambda shot: shaded(shot) if shot.frame.index > 38 else shot.frame)
-    assert {t.state for t in tracks[:38]} == {"tracking"}
-    assert {t.state for t in tracks[38:]} == {state}
+    assert {t.state for t in tracks} == {"tracking"}
 
 
 def test_a_person_who_is_gone_is_lost_and_stays_lost(network: NanoDet) -> None:
@@ -118,10 +117,10 @@ def test_a_person_who_is_gone_is_lost_and_stays_lost(network: NanoDet) -> None:
     tracker.start(seen[0].frame, seen[0].box)
     assert tracker.update(seen[1].frame).state == "tracking"
     # Somebody else in the same place, for as long as a hidden person would be waited for.
-    states = [tracker.update(Frame(other, 0.05 + 0.25 * k, 1 + k)).state for k in range(1, 14)]
+    states = [tracker.update(Frame(other, 0.05 + 0.25 * k, 1 + k)).state for k in range(1, 18)]
     assert states[0] == "coasting"
     assert states[-1] == "lost"
-    assert tracker.update(Frame(seen[1].frame.image, 5.0, 99)).state == "lost"
+    assert tracker.update(Frame(seen[1].frame.image, 6.0, 99)).state == "lost"
 
 
 def test_a_new_start_ends_being_lost(network: NanoDet) -> None:
@@ -129,7 +128,7 @@ def test_a_new_start_ends_being_lost(network: NanoDet) -> None:
     tracker = Tracker(network)
     tracker.start(shots[0].frame, shots[0].box)
     blank = np.full_like(shots[0].frame.image, 120)
-    for k in range(1, 12):
+    for k in range(1, 15):
         state = tracker.update(Frame(blank, 0.3 * k, k)).state
     assert state == "lost"
     tracker.start(Frame(shots[0].frame.image, 9.0, 50), shots[0].box)
