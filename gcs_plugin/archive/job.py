@@ -70,12 +70,12 @@ class Job:
 
 
 def job_key(job: Job, settings: JobSettings) -> str:
-    """Hash of the content of all inputs, the settings and the program's version: 32 hexadecimal digits.
+    """Hash of the flight's name, the content of all inputs, the settings and the program's version: 32 digits.
 
     Raises:
         OSError: an input cannot be read.
     """
-    told = hashlib.sha256(json.dumps([version("sidestep"), asdict(settings)], sort_keys=True).encode())
+    told = hashlib.sha256(json.dumps([version("sidestep"), job.name, asdict(settings)], sort_keys=True).encode())
     for path in job.files:
         one = hashlib.sha256()
         with path.open("rb") as file:

@@ -16,7 +16,19 @@ from gcs_plugin.cli.lazy import LazyCommand
 from gcs_plugin.cli.missing_extra import missing_extra
 from mission.errors import SidestepError
 
-COMMANDS = ("locate", "serve", "plan", "estimate", "calibrate", "export", "draw", "reprocess", "actions", "settings")
+COMMANDS = (
+    "locate",
+    "serve",
+    "plan",
+    "estimate",
+    "calibrate",
+    "export",
+    "draw",
+    "reprocess",
+    "archive",
+    "actions",
+    "settings",
+)
 """Files of this folder; each has `register(app)`."""
 
 
