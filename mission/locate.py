@@ -28,18 +28,22 @@ from mission.flight_loop import FlightLoop
 from mission.flight_offset import FlightOffset, offset_uncertain
 from mission.flight_record import PICTURES, FlightRecord
 from mission.located import Located, Stage, TargetChoice, Watcher
-from mission.pattern import fitted, lateral_path
+from mission.pattern import lateral_path
+from mission.pattern_choice import chosen_pattern
+from mission.planner import SideRoom
 from mission.pointing import Pointing, TargetTracker
 from mission.pose import PoseAt
 from mission.records import FlightSightings, GeodeticOrigin, NoiseModel, TargetPrior
 from mission.regain import Regain
 from mission.reposition import follow_path
-from mission.settings import MissionSettings
+from mission.settings import MissionSettings, PatternSettings
 from mission.sighting import level_mounting
 from mission.steady import Steadied
 from mission.video import VideoSource
 
 POSE_AGE_S = 0.2
+PRESUMED_UP_M = 2.0
+"""Height above the target's ground for the choice of a pattern, where the aircraft does not tell its own."""
 """A pose this old is in the buffer on both of its sides."""
 ORDER_TIMEOUT_S = 15.0
 BAD_LINK = 0.1
@@ -212,9 +216,10 @@ class Locate:
         azimuth = self._pointing.azimuth(self._clock())
         if azimuth is None:
             raise DetectionError("the target's bearing is not known", "Wait for telemetry and try again.")
-        pattern = fitted(self._settings.pattern, self._pointing.presumed_range_m())
+        pattern, said = self._pattern()
         path = lateral_path(pattern, azimuth)
-        self._watcher.stage(Stage.SIDESTEP, f"{pattern.kind}, {pattern.length_m:.1f} m, {path.duration_s:.0f} s")
+        flown = f"{pattern.kind}, {pattern.length_m:.1f} m, {path.duration_s:.0f} s"
+        self._watcher.stage(Stage.SIDESTEP, ", ".join(part for part in (flown, said) if part))
         record = FlightRecord(flight_id, self._camera, interval_s=path.duration_s / PICTURES)
         moving_aim = self._settings.pattern.kind != "paper"
         order = self._drone.fly(path)
@@ -240,6 +245,23 @@ class Locate:
             self._unsaved = record
             raise
         return record
+
+    def _pattern(self) -> tuple[PatternSettings, str]:
+        """What to fly past the target, and what is to be said of it."""
+        settings, telemetry, bounds = self._settings, self._drone.telemetry(), self._settings.limits.bounds()
+        height_m = min(max(telemetry.height_m or PRESUMED_UP_M, bounds.min_height_m), bounds.max_height_m)
+        room = SideRoom.within(bounds, height_m)
+        room = replace(room, max_time_s=room.max_time_s / settings.repeat)
+        choose = partial(
+            chosen_pattern,
+            settings.pattern,
+            self._pointing.presumed_range_m(),
+            self._camera,
+            self._pose_noise(self._drone.noise()),
+            self._prior,
+            room,
+        )
+        return choose() if settings.pattern.accuracy_percent is None else self._loop.meanwhile(choose)
 
     def _reposition(self, located: Located) -> None:
         """Keep to the target, and go back to the distance at which it was first seen."""

@@ -30,6 +30,8 @@ LARGEST_ACCELERATION_M_S2 = 2.5
 """14 degrees of bank."""
 LARGEST_TURN_RAD_S = 0.6
 """Share of the heading's rate that the pattern may use: half of what the aircraft turns; a walker needs some of it."""
+NEARLY = 1.1
+"""Times the best 1-sigma: the last tenth would take several times as long."""
 PASSES = (1, 2, 3, 4, 6, 8, 10)
 _SHORTEST_LEG_S, _LEG_RATIO, _LEG_STEP_S = 0.8, 1.12, 0.1
 _LENGTH_STEP_M = 0.1
@@ -124,6 +126,28 @@ def plan(wanted_sigma_m: float, outlook: Outlook, room: SideRoom) -> Plan | Shor
     if found.worst_sigma_m <= wanted_sigma_m:
         return found
     return Shortfall(wanted_sigma_m, found, tuple(_helps(wanted_sigma_m, outlook, room)))
+
+
+def plan_in_flight(wanted_sigma_m: float, outlook: Outlook, room: SideRoom) -> Plan:
+    """The shortest pattern that reaches a wanted 1-sigma; where none does, the shortest that is nearly the best.
+
+    Args:
+        wanted_sigma_m: of the horizontal distance at the first sighting.
+        outlook: the target and how it is seen.
+        room: the room there is.
+
+    Raises:
+        SettingsError: a figure is not positive, or not finite.
+        FlightRefused: no pattern fits into the room.
+        EstimateRefused: no pattern that fits determines the target at all.
+    """
+    _check(wanted_sigma_m, outlook, room)
+    found = _search(wanted_sigma_m, outlook, room)
+    if found is not None and found.worst_sigma_m > wanted_sigma_m:
+        found = _search(NEARLY * found.worst_sigma_m, outlook, room)
+    if found is None:
+        raise EstimateRefused("No pattern in this room determines the target's distance", "Give it more room or time.")
+    return found
 
 
 def _check(wanted_sigma_m: float, outlook: Outlook, room: SideRoom) -> None:

@@ -117,13 +117,25 @@ class PatternSettings(_Section):
     """The lateral pattern."""
 
     kind: Literal["out-and-back", "s", "paper"] = "out-and-back"
-    length_m: float = Field(3.0, gt=0.2, le=50.0, description="how far to the side")
+    length_m: float = Field(3.0, gt=0.2, le=50.0, description="how far to the side; with accuracy_percent at most")
     leg_duration_s: float = Field(3.0, gt=0.5, le=60.0, description="time for each length")
+    accuracy_percent: float | None = Field(
+        None,
+        ge=0.5,
+        le=30.0,
+        description="wanted 1-sigma of the distance: length (at most length_m), time and passes are chosen for it",
+    )
     side: Literal["left", "right"] = "left"
     passes: int = Field(1, ge=1, le=10, description="how often the pattern is repeated in one flight")
     baseline_m: tuple[Annotated[float, Field(ge=0.0, le=10.0)], ...] = Field(
         (), max_length=100, description="the paper's pattern: travel since the previous image; empty for its Table II"
     )
+
+    @model_validator(mode="after")
+    def _one_that_can_be_chosen(self) -> Self:
+        if self.accuracy_percent is not None and self.kind == "paper":
+            raise ValueError("accuracy_percent chooses a pattern, and the paper's is what it is: leave one out")
+        return self
 
 
 class LimitSettings(_Section):

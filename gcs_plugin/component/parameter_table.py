@@ -26,6 +26,7 @@ PARAMETER_NAMES: Final[dict[str, str]] = {
     "pattern.kind": "PATTERN_KIND",
     "pattern.length_m": "PATTERN_LENGTH_M",
     "pattern.leg_duration_s": "PATTERN_LEG_S",
+    "pattern.accuracy_percent": "PATTERN_ACC_PCT",
     "pattern.side": "PATTERN_SIDE",
     "pattern.passes": "PATTERN_PASSES",
     "limits.radius_m": "LIMITS_RADIUS_M",

@@ -1,4 +1,5 @@
 import math
+import re
 import threading
 import time
 from collections import Counter
@@ -95,6 +96,16 @@ def test_the_stages_follow_the_papers_figure_2_and_end_in_hold() -> None:
     scene.run()
     assert scene.notes.stages == [stage for stage in Stage if stage is not Stage.REPOSITION]
     assert scene.drone.calls == ["begin", "hover", "path", "hold"]
+
+
+def test_a_wanted_accuracy_chooses_the_pattern_within_the_length_that_is_free() -> None:
+    scene = Scene()
+    pattern = {"accuracy_percent": 20.0, "length_m": 5.0}
+    scene.settings = MissionSettings.model_validate({"video": {"check_offset": False}, "pattern": pattern})
+    located = scene.run()
+    across = located.drone_track[:, 1]
+    assert 0.8 < np.ptp(across) < 3.0  # a short pattern is enough for 20 %
+    assert any(re.search(r"out-and-back, .* for 1?\d\.\d % at about 6 m$", text) for text in scene.notes.texts)
 
 
 def test_the_target_is_kept_in_the_middle_while_flying_past() -> None:
