@@ -1,0 +1,1 @@
+"""The tracker on real video: people whom nobody rendered, and whom no constant was chosen for."""
