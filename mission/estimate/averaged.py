@@ -80,7 +80,8 @@ def averaged(model: MarginalModel, priors: Sequence[Sequence[SizePrior]]) -> tup
     travel = 2.0 * float(np.linalg.norm(model.camera_m - model.camera_m.mean(axis=0), axis=1).max())
     ranges = np.geomspace(max(_NEAREST * travel, _NEAREST_M), max(_FARTHEST * travel, 10.0 * _NEAREST_M), _COARSE)
     whole = ranges
-    wide = variants(priors[0])
+    bias_rad = model.noise.heading_bias_sigma_rad
+    wide = variants(priors[0], bias_rad)
     everything = np.arange(len(model.hypotheses))
     changing = [place for place, hypothesis in enumerate(model.hypotheses) if hypothesis.posture]
     first = np.array([*everything[:_INTENSITIES_TRIED:2], *changing])
@@ -99,7 +100,8 @@ def averaged(model: MarginalModel, priors: Sequence[Sequence[SizePrior]]) -> tup
     likely = np.flatnonzero(by_motion > by_motion.max() - _UNLIKELY)
     found_by_pose = [(model.evidence(lines, replace(factors, pose=pose), likely), share) for pose, share in poses]
     return tuple(
-        _mixture(model, lines, found_by_pose, factors, variants(sizes), likely, bounded=bounded) for sizes in priors
+        _mixture(model, lines, found_by_pose, factors, variants(sizes, bias_rad), likely, bounded=bounded)
+        for sizes in priors
     )
 
 

@@ -42,8 +42,11 @@ _LEAN_RAD, _LEAN_S = 0.03, 1.0
 _SMOOTHED = 2
 """Sightings on either side in the running median."""
 _FLAT = 1e-9
-_COMPASS: Final = ((1.0, 0.8), (2.2, 0.2))
-"""A heading's bias stays unseen, so its stated sigma is multiplied by these, with these probabilities."""
+_COMPASS_SHARE: Final = 0.6
+_COMPASS_FACTOR: Final = 2.5
+_COMPASS_RAD: Final = math.radians(5.0)
+"""A heading's bias stays unseen, and compasses are off by more than is said of them. More likely than the stated sigma
+is a larger one, by what compasses usually are off, but not more than so many times the stated."""
 _LEAST_BIAS_RAD = 1e-6
 _LEAST_SPEED_M_S = 1e-3
 _VARIED: Final = (2, 3, SIZE, HEADING)
@@ -103,15 +106,17 @@ class Nodes:
     """(n, 8, 8)."""
 
 
-_WIDEST: Final = Variant(SPEEDS[-1][0], _COMPASS[-1][0], SizePrior.unknown(), 1.0)
+_WIDEST: Final = Variant(SPEEDS[-1][0], _COMPASS_FACTOR, SizePrior.unknown(), 1.0)
 
 
-def variants(sizes: Sequence[SizePrior]) -> tuple[Variant, ...]:
+def variants(sizes: Sequence[SizePrior], heading_bias_sigma_rad: float) -> tuple[Variant, ...]:
     """Every alternative of speed and heading bias with every one of the height."""
+    usual = math.hypot(1.0, _COMPASS_RAD / max(heading_bias_sigma_rad, _LEAST_BIAS_RAD))
+    compass = ((1.0, 1.0 - _COMPASS_SHARE), (min(usual, _COMPASS_FACTOR), _COMPASS_SHARE))
     return tuple(
         Variant(speed, heading, size, share * heading_share * size.share)
         for speed, share in SPEEDS
-        for heading, heading_share in _COMPASS
+        for heading, heading_share in compass
         for size in sizes
     )
 
