@@ -30,6 +30,14 @@
     scaled_to_px = [640, 480]        # what the mission scales the stream's pictures to
     wifi = { loss = 0.0, duplicate = 0.0, reorder = 0.0 }   # shares of the commands and of the navdata
 
+    [gimbal]                         # optional: carries the camera, whose tilt_down_deg then means nothing
+    kind = "stabilised"              # stabilised | servo
+    tells = "nose"                   # yaw: nose (flag 32) | north (64) | nose-delta (32, delta_yaw) | older (none)
+    rate_hz = 20.0
+    age_ms = 50.0
+    yaw_bias_deg = 3.0               # left out: drawn from N(0, 5) by the seed
+    start_pitch_deg = -20.0
+
     [camera]
     width_px = 640
     height_px = 480
@@ -105,6 +113,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from mission.errors import SettingsError
 from mission.records import CameraIntrinsics, GeodeticOrigin
+from sitl.autopilot.gimbal_settings import GimbalSettings
 from sitl.scenario_table import Degrees, Table
 from sitl.scene import Light, MarkerWall, Obstacle, Person
 
@@ -227,6 +236,7 @@ class Scenario(Table):
     vehicle: Vehicle = Vehicle()
     ardrone: Ardrone = Ardrone()
     camera: CameraSettings = CameraSettings()
+    gimbal: GimbalSettings | None = None
     light: Light = Light()
     people: tuple[Person, ...] = Field(default=(), max_length=8)
     obstacles: tuple[Obstacle, ...] = Field(default=(), max_length=20)

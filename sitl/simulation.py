@@ -24,6 +24,8 @@ from sitl.scenario import Scenario
 from sitl.scenario_turn import turned
 from sitl.truth import TruthRing
 
+_USUAL_GIMBAL_AGE_S = 0.05
+"""What a user would write who has not measured it."""
 TRUTH_SPAN_S = 300.0
 TRUTH_RATE_HZ = 250.0
 SETTINGS = """\
@@ -144,12 +146,15 @@ def camera_of(scenario: Scenario) -> Camera:
             fy=down * intrinsics.fy,
             cy=down * intrinsics.cy,
         )
+    carried = scenario.gimbal is not None
     return Camera(
         intrinsics,
-        Mounting.tilted(math.radians(settings.tilt_down_deg), settings.position_body_m),
+        Mounting.tilted(0.0 if carried else math.radians(settings.tilt_down_deg), settings.position_body_m),
         calibrated=True,
         readout_s=settings.readout_ms / 1000.0,
         provenance=f"as the scenario {scenario.name} says",
+        gimbal="mavlink" if carried else "none",
+        gimbal_age_s=_USUAL_GIMBAL_AGE_S if carried else 0.0,
     )
 
 
@@ -166,6 +171,7 @@ def _config(scenario: Scenario) -> AutopilotConfig:
         wind=Wind(mean, autopilot.gust_m_s),
         # As the operator of a real one is asked to: `sidestep locate` does not fly where PX4 would not hold.
         parameters=(("COM_OBL_RC_ACT", 5.0),) if autopilot.flavour == "px4" else (),
+        gimbal=scenario.gimbal,
     )
 
 

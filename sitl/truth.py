@@ -28,9 +28,10 @@ _HEADER = struct.Struct("<QQQQ")  # magic, capacity, reserved, records written s
 _COUNT_WORD = 3
 _MARKS_OFFSET = _HEADER.size
 _RECORDS_OFFSET = _MARKS_OFFSET + 8 * MARKS
-_PAYLOAD = struct.Struct("<Q11d")  # number of the record, time, position, velocity, attitude
-_RECORD = struct.Struct("<Q11dI4x")  # the payload and its CRC-32
+_PAYLOAD = struct.Struct("<Q15d")  # number of the record, time, position, velocity, attitude, gimbal or NaN
+_RECORD = struct.Struct("<Q15dI4x")  # the payload and its CRC-32
 _RETRIES = 50
+_NO_GIMBAL = (math.nan,) * 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +45,8 @@ class VehicleTruth:
     """(3,)"""
     world_from_body_wxyz: Vector
     """(4,), body forward-right-down."""
+    world_from_gimbal_wxyz: Vector | None = None
+    """(4,), where the camera is on a gimbal."""
 
 
 class TruthRing:
@@ -105,7 +108,8 @@ class TruthRing:
         """Append a record; times must increase. Only one process may write."""
         number = self._words[_COUNT_WORD]
         p, v, q = truth.position_enu_m, truth.velocity_enu_m_s, truth.world_from_body_wxyz
-        payload = _PAYLOAD.pack(number, truth.t_s, *p, *v, *q)
+        g = _NO_GIMBAL if truth.world_from_gimbal_wxyz is None else truth.world_from_gimbal_wxyz
+        payload = _PAYLOAD.pack(number, truth.t_s, *p, *v, *q, *g)
         record = payload + struct.pack("<I4x", zlib.crc32(payload))
         offset = self._offset(number)
         self._buffer[offset : offset + _RECORD.size] = record
@@ -174,7 +178,8 @@ class TruthRing:
         if found != number or crc != zlib.crc32(raw[: _PAYLOAD.size]):
             return None
         values = np.array(state)
-        return VehicleTruth(t_s, values[0:3], values[3:6], values[6:10])
+        gimbal = None if math.isnan(values[10]) else values[10:14]
+        return VehicleTruth(t_s, values[0:3], values[3:6], values[6:10], gimbal)
 
     def _bracket(self, t_s: float, low: int, high: int) -> tuple[VehicleTruth | None, VehicleTruth | None]:
         """The neighbours of `t_s` by bisection; equal at the ends, None where the writer overtook us."""
@@ -224,7 +229,10 @@ def _interpolate(a: VehicleTruth, b: VehicleTruth, t_s: float) -> VehicleTruth:
         - s * s * (1 - s) * span * b.velocity_enu_m_s
     )
     velocity = (1 - s) * a.velocity_enu_m_s + s * b.velocity_enu_m_s
-    return VehicleTruth(t_s, position, velocity, _slerp(a.world_from_body_wxyz, b.world_from_body_wxyz, s))
+    gimbal = None
+    if a.world_from_gimbal_wxyz is not None and b.world_from_gimbal_wxyz is not None:
+        gimbal = _slerp(a.world_from_gimbal_wxyz, b.world_from_gimbal_wxyz, s)
+    return VehicleTruth(t_s, position, velocity, _slerp(a.world_from_body_wxyz, b.world_from_body_wxyz, s), gimbal)
 
 
 def _slerp(a: Vector, b: Vector, s: float) -> Vector:

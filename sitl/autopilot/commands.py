@@ -17,7 +17,7 @@ from sitl.autopilot.flavour import Mode, px4_mode
 from sitl.autopilot.flight_stack import FlightStack
 from sitl.autopilot.link import Link
 from sitl.autopilot.rotation import Vec, wrap
-from sitl.autopilot.telemetry import build
+from sitl.autopilot.telemetry import build, sends
 
 _FORCE = 21196
 _RELATIVE = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
@@ -34,16 +34,19 @@ class Order:
     alt_m: float
     relative: bool
     """Whether the altitude counts from home instead of mean sea level."""
+    source: tuple[int, int] = (0, 0)
+    """System and component of who gives it."""
 
 
 def from_message(message: Any) -> Order:
     """The order in a COMMAND_LONG (altitudes above mean sea level, frame 0) or a COMMAND_INT."""
     params = (message.param1, message.param2, message.param3, message.param4)
+    source = (message.get_srcSystem(), message.get_srcComponent())
     if message.get_type() == "COMMAND_INT":
         unset = message.x == 0x7FFFFFFF
         lat, lon = (math.nan, math.nan) if unset else (message.x / 1e7, message.y / 1e7)
-        return Order(message.command, params, lat, lon, message.z, message.frame in _RELATIVE)
-    return Order(message.command, params, message.param5, message.param6, message.param7, relative=False)
+        return Order(message.command, params, lat, lon, message.z, message.frame in _RELATIVE, source)
+    return Order(message.command, params, message.param5, message.param6, message.param7, False, source)
 
 
 def execute(a: FlightStack, link: Link, order: Order) -> int:
@@ -146,11 +149,21 @@ def _roi_none(a: FlightStack, _link: Link, _order: Order) -> int:
     return ACCEPTED
 
 
+def _gimbal_configure(a: FlightStack, _link: Link, order: Order) -> int:
+    return UNSUPPORTED if a.gimbal is None else a.gimbal.configure(order.source, order.params)
+
+
+def _gimbal_pitch_yaw(a: FlightStack, _link: Link, order: Order) -> int:
+    """DO_GIMBAL_MANAGER_PITCHYAW: param5, where other commands have a latitude, holds the flags."""
+    flags = int(_number(order.lat_deg))
+    return UNSUPPORTED if a.gimbal is None else a.gimbal.pitch_yaw(order.source, order.params, flags)
+
+
 def _set_interval(a: FlightStack, link: Link, order: Order) -> int:
     """SET_MESSAGE_INTERVAL: microseconds; 0 the default rate, -1 off; for the link on which it came."""
     wanted, microseconds = _number(order.params[0]), _number(order.params[1])
     message_id = int(wanted)
-    if build(a, message_id) is None:
+    if not sends(a, message_id):
         if a.flavour.name == "ardupilot":
             a.commander.say(f"No ap_message for mavlink id ({message_id})")
             return DENIED
@@ -168,7 +181,7 @@ def _set_interval(a: FlightStack, link: Link, order: Order) -> int:
 
 def _get_interval(a: FlightStack, link: Link, order: Order) -> int:
     message_id = int(_number(order.params[0]))
-    if build(a, message_id) is None:
+    if not sends(a, message_id):
         link.send(mavlink.MAVLink_message_interval_message(message_id & 0xFFFF, 0))
         return _refusal(a)
     interval = link.intervals.get(message_id)
@@ -254,6 +267,8 @@ _ACTIONS: Mapping[int, Callable[[FlightStack, Link, Order], int]] = {
     mavlink.MAV_CMD_MISSION_START: _start_mission,
     mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: _mission_item,
     mavlink.MAV_CMD_RUN_PREARM_CHECKS: _accept,
+    mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: _gimbal_configure,
+    mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW: _gimbal_pitch_yaw,
     mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: _set_interval,
     mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: _get_interval,
     mavlink.MAV_CMD_REQUEST_MESSAGE: _send_message(),

@@ -9,6 +9,7 @@ from typing import Literal
 from mission.records import GeodeticOrigin
 from sitl.autopilot.airframe import Wind
 from sitl.autopilot.estimate_errors import NoiseName, NoisePreset, preset_of
+from sitl.autopilot.gimbal_settings import GimbalSettings
 
 FlavourName = Literal["px4", "ardupilot"]
 
@@ -43,6 +44,8 @@ class AutopilotConfig:
     """In the air, from full to empty."""
     parameters: tuple[tuple[str, float], ...] = ()
     """Changes to the flavour's defaults."""
+    gimbal: GimbalSettings | None = None
+    """Of the gimbal that it carries."""
 
     @property
     def home_alt_amsl_m(self) -> float:
@@ -56,7 +59,9 @@ class AutopilotConfig:
 
     def to_json(self) -> str:
         """For the process that runs it."""
-        return json.dumps(asdict(self))
+        values = asdict(self)
+        values["gimbal"] = None if self.gimbal is None else self.gimbal.model_dump()
+        return json.dumps(values)
 
     @classmethod
     def from_json(cls, text: str) -> AutopilotConfig:
@@ -66,4 +71,6 @@ class AutopilotConfig:
         wind = values["wind"]
         values["wind"] = Wind(tuple(wind["mean_enu_m_s"]), wind["gust_m_s"], wind["gust_length_s"])
         values["parameters"] = tuple((str(name), value) for name, value in values["parameters"])
+        gimbal = values["gimbal"]
+        values["gimbal"] = None if gimbal is None else GimbalSettings.model_validate(gimbal)
         return cls(**values)

@@ -5,12 +5,16 @@ Everything that happens follows from the configuration, the times passed in and 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.autopilot.commander import Commander
 from sitl.autopilot.config import AutopilotConfig
 from sitl.autopilot.flavour import FLAVOURS
+from sitl.autopilot.gimbal import Gimbal, ned_from_frd
+from sitl.autopilot.gimbal_manager import GimbalManager
 from sitl.autopilot.local_frame import LocalFrame
 from sitl.autopilot.navigator import Navigator
 from sitl.autopilot.parameters import Parameters
@@ -45,13 +49,17 @@ class FlightStack:
         home = config.home
         self.place = LocalFrame(home.lat_deg, home.lon_deg, config.home_alt_amsl_m, config.geoid_separation_m)
         self.parameters = Parameters(
-            self.flavour.parameters, dict(config.parameters), bytewise=self.flavour.name == "px4"
+            {**self.flavour.parameters, **_mount(config)}, dict(config.parameters), bytewise=self.flavour.name == "px4"
         )
         self.vehicle = Vehicle(config, self.flavour, TICK_S, np.random.default_rng(seeds[1]))
         self.commander = Commander(config, self.flavour, self.parameters, now)
         self.commander.home = self.vehicle.estimate.position
         self.plan = Plan(self.flavour)
         self.navigator = Navigator(self.commander, self.plan, self.place, self.vehicle.estimate)
+        self.gimbal: GimbalManager | None = None
+        if config.gimbal is not None:
+            lens = Gimbal(config.gimbal, TICK_S, config.seed, config.heading_rad)
+            self.gimbal = GimbalManager(lens, self.flavour.name)
         self._home_jump = 0.0
         self._gnss_at = self._home_at = now
         self.gnss_position: Vec = self.vehicle.estimate.position
@@ -79,7 +87,10 @@ class FlightStack:
     @property
     def truth(self) -> VehicleTruth:
         """Where it really is."""
-        return self.vehicle.truth(self.now)
+        truth = self.vehicle.truth(self.now)
+        if self.gimbal is None:
+            return truth
+        return replace(truth, world_from_gimbal_wxyz=np.array(self.gimbal.gimbal.world_from_gimbal))
 
     def home_item(self) -> PlanItem:
         """Home as ArduPilot shows it in its missions."""
@@ -97,6 +108,9 @@ class FlightStack:
         demand, limit = self.navigator.step(now, TICK_S, vehicle.estimate, grounded, vehicle.hover_thrust_n)
         vehicle.step(demand, limit)
         commander.step(now, TICK_S, vehicle.estimate, vehicle.airframe.grounded, demand)
+        if self.gimbal is not None:
+            true = ned_from_frd(vehicle.airframe.world_from_flu)
+            self.gimbal.gimbal.step(now, true, vehicle.ned_from_frd)
         self._measure()
 
     def _measure(self) -> None:
@@ -113,3 +127,12 @@ class FlightStack:
         self._home_at = self.now + _HOME_STEP_S
         if self.now - air_at < _HOME_UNSETTLED_S and self.commander.armed:
             self._home_jump = preset.home_altitude_sigma_m * float(self._rng.standard_normal())
+
+
+def _mount(config: AutopilotConfig) -> dict[str, int | float]:
+    """The parameters of a mount, where there is one."""
+    if config.gimbal is None:
+        return {}
+    if config.flavour == "px4":
+        return {"MNT_MODE_IN": 4, "MNT_MODE_OUT": 0 if config.gimbal.kind == "servo" else 2}
+    return {"MNT1_TYPE": 1 if config.gimbal.kind == "servo" else 6}

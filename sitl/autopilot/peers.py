@@ -30,11 +30,15 @@ class Peers:
         self._transfers: dict[int, PlanTransfer] = {}
         self._dumps: dict[int, int] = {}
         self._shown = (stack.commander.mode, False)
+        self._commands_gimbal = (0, 0)
 
     def add(self, write: Callable[[bytes], None]) -> Link:
         """A new peer; `write` gets every packet for it."""
         stack = self._stack
-        link = Link(write, stack.config.system_id, stack.flavour.default_rates, self._radio)
+        rates = dict(stack.flavour.default_rates)
+        if stack.gimbal is not None:
+            rates |= telemetry.GIMBAL_HZ[stack.flavour.name]
+        link = Link(write, stack.config.system_id, rates, self._radio)
         self.links.append(link)
         self._transfers[id(link)] = PlanTransfer(stack.plan)
         return link
@@ -93,6 +97,9 @@ class Peers:
         reached, stack.plan.reached = stack.plan.reached, None
         if reached is not None:
             self.send_all(mavlink.MAVLink_mission_item_reached_message(reached))
+        if stack.gimbal is not None and stack.gimbal.primary != self._commands_gimbal:
+            self._commands_gimbal = stack.gimbal.primary
+            self.send_all(telemetry.gimbal_manager_status(stack))
         for link in self.links:
             for message_id in link.due(stack.now):
                 message = None if telemetry.silent(stack, message_id) else telemetry.build(stack, message_id)

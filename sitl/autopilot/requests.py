@@ -47,6 +47,9 @@ class Requests:
             demand = global_setpoint(message, self._a.flavour, self._a.place, self._home_alt)
             if demand is not None:
                 self._a.commander.set_setpoint(demand, self._a.now)
+        elif kind == "GIMBAL_MANAGER_SET_PITCHYAW":
+            if self._a.gimbal is not None:
+                self._a.gimbal.set_pitch_yaw((message.get_srcSystem(), message.get_srcComponent()), message)
         elif kind.startswith("MISSION_"):
             self._plan(link, message)
         elif kind.startswith("PARAM_"):

@@ -117,6 +117,8 @@ class AutopilotServer(AircraftServer):
                 link.cut = cut
         if isinstance(battery := order.get("battery"), (int, float)):
             a.commander.battery_fraction = float(battery)
+        if a.gimbal is not None and isinstance(fault := order.get("gimbal"), str):
+            a.gimbal.gimbal.silent, a.gimbal.gimbal.frozen = fault == "silent", fault == "frozen"
         if isinstance(switch := order.get("switch"), str) and switch in {mode.value for mode in Mode}:
             a.commander.request_mode(Mode(switch), a.now)
         if order.get("state"):

@@ -200,6 +200,21 @@ def system_time(a: FlightStack) -> Any:
     return mavlink.MAVLink_system_time_message(round(a.unix_s * 1e6), a.boot_ms)
 
 
+def gimbal_attitude(a: FlightStack) -> Any | None:
+    """GIMBAL_DEVICE_ATTITUDE_STATUS, as often as it is asked for: of a slower gimbal the same angles come again."""
+    return None if a.gimbal is None else a.gimbal.attitude_status(a.now, a.boot_ms)
+
+
+def gimbal_manager_status(a: FlightStack) -> Any | None:
+    """GIMBAL_MANAGER_STATUS: who commands it."""
+    return None if a.gimbal is None else a.gimbal.status(a.boot_ms)
+
+
+def gimbal_manager_information(a: FlightStack) -> Any | None:
+    """GIMBAL_MANAGER_INFORMATION: how far it turns."""
+    return None if a.gimbal is None else a.gimbal.information(a.boot_ms)
+
+
 def timesync(a: FlightStack) -> Any:
     """TIMESYNC: our question to the peer."""
     return mavlink.MAVLink_timesync_message(0, round(a.boot_s * 1e9))
@@ -224,7 +239,23 @@ _BOTH: Mapping[int, Callable[[FlightStack], Any]] = {
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: home_position,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: extended_sys_state,
+    mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: gimbal_attitude,
+    mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: gimbal_manager_status,
+    mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: gimbal_manager_information,
 }
+GIMBAL_MESSAGES = (
+    mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS,
+    mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS,
+    mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION,
+)
+GIMBAL_HZ: Mapping[str, Mapping[int, float]] = {
+    "px4": {
+        mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 1.0,
+        mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: 0.5,
+    },
+    "ardupilot": {},
+}
+"""What an aircraft with a gimbal sends of it unasked."""
 BUILDERS: Mapping[str, Mapping[int, Callable[[FlightStack], Any]]] = {
     "px4": {
         **_BOTH,
@@ -238,9 +269,16 @@ BUILDERS: Mapping[str, Mapping[int, Callable[[FlightStack], Any]]] = {
 
 
 def build(a: FlightStack, message_id: int) -> Any | None:
-    """A message as of now; None if this autopilot does not have it."""
+    """A message as of now; None if this autopilot does not have it, or has nothing to say."""
     builder = BUILDERS[a.flavour.name].get(message_id)
     return None if builder is None else builder(a)
+
+
+def sends(a: FlightStack, message_id: int) -> bool:
+    """Whether this autopilot has a message at all."""
+    if message_id in GIMBAL_MESSAGES and a.gimbal is None:
+        return False
+    return message_id in BUILDERS[a.flavour.name]
 
 
 def silent(a: FlightStack, message_id: int) -> bool:

@@ -55,7 +55,8 @@ class CameraOnAirframe:
 
     def __init__(self, scenario: Scenario, ring: TruthRing) -> None:
         self._ring = ring
-        self._body_from_camera = body_from_camera(math.radians(scenario.camera.tilt_down_deg))
+        tilt_down_deg = scenario.camera.tilt_down_deg if scenario.gimbal is None else 0.0
+        self._body_from_camera = body_from_camera(math.radians(tilt_down_deg))
         self._position_body_m = np.array(scenario.camera.position_body_m)
         heading = math.radians(scenario.vehicle.heading_deg)
         self._parked = VehicleTruth(0.0, np.zeros(3), np.zeros(3), level_world_from_body_wxyz(heading))
@@ -68,6 +69,9 @@ class CameraOnAirframe:
     def mounted(self, truth: VehicleTruth) -> CameraPose:
         """The lens' pose on an aircraft."""
         world_from_body = matrix_from_wxyz(truth.world_from_body_wxyz)
+        carrier = world_from_body
+        if truth.world_from_gimbal_wxyz is not None:
+            carrier = matrix_from_wxyz(truth.world_from_gimbal_wxyz)
         return CameraPose(
-            truth.position_enu_m + world_from_body @ self._position_body_m, world_from_body @ self._body_from_camera
+            truth.position_enu_m + world_from_body @ self._position_body_m, carrier @ self._body_from_camera
         )
