@@ -27,7 +27,7 @@ LARGEST_SPEED_M_S = 3.0
 """A point that moves faster is a wrong sighting, not a target."""
 LARGEST_LEAD_S = 0.8
 PRESUMED_HEIGHT_M = 1.7
-PRESUMED_RANGE_M = (1.5, 40.0)
+PRESUMED_RANGE_M = (1.5, 200.0)
 
 
 def wrapped(angle_rad: float) -> float:

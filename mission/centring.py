@@ -81,6 +81,7 @@ class Centring:
                 continue
             now = self._clock()
             beside = self._wiggle(now)
+            self._pointing.face(now)
             self._pointing.steer(now, beside or 0.0)
             if beside is not None:
                 centred_since_s = None

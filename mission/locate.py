@@ -104,6 +104,8 @@ class Locate:
         pose = None if camera.gimbal == "none" else drone.pose_at(clock() - POSE_AGE_S)
         meter = TimeOffsetMeter(camera, mounting=level_mounting(pose, camera)) if settings.video.check_offset else None
         self._offset = FlightOffset(meter)
+        self._gimbal = drone.gimbal if camera.gimbal != "none" else None
+        self._told_lost = False
         self._unsaved: FlightRecord | None = None
         self._keeping = False
         self._prior = TargetPrior()
@@ -150,6 +152,8 @@ class Locate:
             cause = f"{error.cause}; meanwhile the link loses {100.0 * loss:.0f} % of the packets"
             raise type(error)(cause, f"{error.remedy} A better link may help.".lstrip()) from error
         finally:
+            if self._gimbal is not None:
+                self._gimbal.release()
             if self._loop.ours:
                 self._watcher.stage(Stage.HOLD, "giving control back, holding")
                 unconfirmed = self._loop.give_back()
@@ -176,6 +180,16 @@ class Locate:
             self._watcher.frame(frame, track)
             if track.state == "lost" and not self._regain.run(Stage.HOVER, lambda _: None, steer=False):
                 raise DetectionError("the target was lost while control was taken", "Try again.")
+        if self._gimbal is not None:
+            why = self._loop.meanwhile(self._gimbal.take)
+            told = f"the gimbal stays where it is ({why}): the nose is turned" if why else "pointing the gimbal"
+            self._watcher.stage(Stage.HOVER, told)
+
+    def _gimbal_lost(self) -> None:
+        """Tell once who took the gimbal; it is not fought, and the flight goes on while the target stays in view."""
+        if self._gimbal is not None and self._gimbal.lost and not self._told_lost:
+            self._told_lost = True
+            self._watcher.stage(Stage.SIDESTEP, f"{self._gimbal.lost}: it is left to them")
 
     def _take_off_up_m(self) -> float | None:
         """Up coordinate of the take-off point in the local frame, None where it is not known."""
@@ -237,8 +251,10 @@ class Locate:
                 record.add(frame, track, self._pointing.roll_rad)
                 self._offset.add(frame)
                 if track.state == "lost":
+                    self._gimbal_lost()
                     self._watcher.stage(Stage.SIDESTEP, "the target was lost; using what was seen")
                     break
+                self._gimbal_lost()
                 if moving_aim:
                     self._pointing.steer(self._clock())
         except (FlightEnded, LinkError, VideoError):

@@ -8,18 +8,25 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mission.aim import LOOK_AHEAD_S, PRESUMED_HEIGHT_M, Aim, presumed_range, wrapped
+from mission.aim import BANDWIDTH_S, LOOK_AHEAD_S, PRESUMED_HEIGHT_M, Aim, presumed_range, wrapped
 from mission.camera.background import Turn
 from mission.camera.camera import Camera
 from mission.camera.model import CameraModel
 from mission.drones.drone import Drone
-from mission.pose import Pose
+from mission.pose import Pose, heading
 from mission.records import Box, Frame, Vector
 from mission.sighting import azimuth_of, camera_position, roll_of, rotation_shift, world_from_camera
 from mission.track import Track
 
 EXPECTED_RAD = math.radians(12.0)
 """How far from its aim a target may come back: what it walked meanwhile, and what the aim lags."""
+GIMBAL_AHEAD_S = 0.1
+"""How long a gimbal takes to follow new angles, about."""
+FACED_RAD = math.radians(30.0)
+"""A gimbal turns so far at least, from the nose."""
+TRIM_PER_S = 0.4
+"""Of what the target is off the middle, how much is added to the ordered angles in a second."""
+LARGEST_TRIM_RAD = math.radians(40.0)
 LIKE_SIZE = 1.8
 """Ratio of apparent heights that may be the same person's."""
 
@@ -67,6 +74,10 @@ class Pointing:
         self._pose: Pose | None = None
         self._pixel = (camera.intrinsics.cx, camera.intrinsics.cy)
         self._height_px: float | None = None
+        self._gimbal = drone.gimbal if camera.gimbal != "none" else None
+        self._elevation_rad = 0.0
+        self._observed_s = 0.0
+        self._trim_rad = [0.0, 0.0]
         self.offset_s = 0.0
         """How much later than telemetry the video's clock runs."""
         self.roll_rad = 0.0
@@ -111,6 +122,8 @@ class Pointing:
         self._pixel = box.centre_px
 
     def _observe(self, track: Track, pose: Pose) -> None:
+        if self._camera.gimbal != "none":
+            self._observe_gimbal(track, pose)
         self._height_px = track.box.height_px
         focal_px = self._camera.intrinsics.fy
         if self._aim.point_m is None:
@@ -133,9 +146,51 @@ class Pointing:
             now_s: program time.
             beside_rad: point this far beside it, clockwise.
         """
+        if self._gimbal is not None:
+            self._point(now_s, beside_rad)
+            return
         azimuth = self.azimuth(now_s + LOOK_AHEAD_S)
-        if azimuth is not None and self._camera.gimbal == "none":  # else the nose does not turn the lens
+        if azimuth is not None:
             self._drone.aim(wrapped(azimuth + beside_rad - self._camera_azimuth()))
+
+    def _point(self, now_s: float, beside_rad: float) -> None:
+        """Turn the gimbal where it is ours; else the nose, which a gimbal that follows it goes along with."""
+        azimuth = self.azimuth(now_s + GIMBAL_AHEAD_S)
+        if azimuth is None or self._gimbal is None:
+            return
+        if not self._gimbal.ours:
+            self._drone.aim(wrapped(azimuth + beside_rad))
+            return
+        wanted = wrapped(azimuth + beside_rad)
+        self._gimbal.point(wanted + self._trim_rad[0], self._elevation_rad + self._trim_rad[1])
+
+    def face(self, now_s: float) -> None:
+        """Turn the nose to the target where the gimbal that we point would come near its stop in yaw."""
+        azimuth = self.azimuth(now_s)
+        if self._gimbal is None or not self._gimbal.ours or azimuth is None or self._pose is None:
+            return
+        if abs(wrapped(azimuth - heading(self._pose.world_from_body_wxyz))) > FACED_RAD:
+            self._drone.aim(azimuth)
+
+    def _observe_gimbal(self, track: Track, pose: Pose) -> None:
+        """Where the target is in elevation, and by how much the lens looks beside where it was told to."""
+        ray, axis = (
+            world_from_camera(pose, self._camera).apply(one)
+            for one in (CameraModel(self._camera.intrinsics).ray(np.array(track.pixel)), [0.0, 0.0, 1.0])
+        )
+        elevation = math.atan2(ray[2], math.hypot(ray[0], ray[1]))
+        span_s = min(0.3, max(0.0, pose.t_s - self._observed_s))
+        part = 1.0 if self._observed_s == 0.0 else 1.0 - math.exp(-span_s / BANDWIDTH_S)
+        self._elevation_rad += part * (elevation - self._elevation_rad)
+        self._observed_s = pose.t_s
+        if self._gimbal is None or not self._gimbal.ours:
+            return
+        # An integral: the gimbal's own idea of north may not be the one that its attitude is told by.
+        off = wrapped(math.atan2(ray[0], ray[1]) - math.atan2(axis[0], axis[1]))
+        up = elevation - math.asin(max(-1.0, min(1.0, float(axis[2]))))
+        for place, error in enumerate((off, up)):
+            trimmed = self._trim_rad[place] + TRIM_PER_S * span_s * error
+            self._trim_rad[place] = max(-LARGEST_TRIM_RAD, min(LARGEST_TRIM_RAD, trimmed))
 
     def azimuth(self, t_s: float) -> float | None:
         """The target's azimuth at a time, clockwise from north; None before it was seen with a known pose."""

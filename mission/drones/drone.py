@@ -160,6 +160,32 @@ class Telemetry:
     """Of the same: why its attitude is only believed when the pictures confirm it; empty where it is measured."""
 
 
+class CameraPointer(Protocol):
+    """What points a camera that is on a gimbal (`mission.gimbal.control.GimbalControl`)."""
+
+    @property
+    def ours(self) -> bool:
+        """Whether we point it."""
+        ...
+
+    @property
+    def lost(self) -> str:
+        """Who took it from us, in words for the operator; empty while nobody did."""
+        ...
+
+    def take(self) -> str:
+        """Ask for control and wait for the answer: why we cannot point it, empty when we can."""
+        ...
+
+    def point(self, azimuth_rad: float, elevation_rad: float) -> None:
+        """Look there: clockwise from north, up."""
+        ...
+
+    def release(self) -> None:
+        """Give control back."""
+        ...
+
+
 class Drone(Protocol):
     """One aircraft. Every method may be called from one thread; none raises for what the link sends.
 
@@ -174,6 +200,11 @@ class Drone(Protocol):
     @property
     def capabilities(self) -> Capabilities:
         """What it can do; known after `connect`."""
+        ...
+
+    @property
+    def gimbal(self) -> CameraPointer | None:
+        """What points the camera; None where that is fixed to the airframe."""
         ...
 
     @property

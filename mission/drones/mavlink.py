@@ -30,6 +30,7 @@ from mission.drones.url import mavsdk_url
 from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState, on_earth
 from mission.errors import LinkError
 from mission.geodesy import geodetic_to_enu
+from mission.gimbal.control import GimbalControl
 from mission.gimbal.listener import ATTITUDE_MESSAGES, GimbalListener
 from mission.pose import Pose, PoseAt, PoseBuffer, heading_rate, world_from_body
 from mission.pose_history import PoseHistory
@@ -97,6 +98,7 @@ class MavlinkDrone(PilotedDrone):
         self._gimbal = GimbalSigns()
         self._lens = None if self._gimbal_age_s is None else GimbalListener(self._gimbal_age_s)
         self._lens_lost = False
+        self._pointer: GimbalControl | None = None
         self._steps = Steps()
         self._begun_boot_s = 0.0
         self._thinning = Thinning(self._target_system, self._clock(), sparing=self._sparing)
@@ -130,6 +132,11 @@ class MavlinkDrone(PilotedDrone):
         if self._link is None:
             raise LinkError("the drone is not connected", "Connect first")
         return self._link
+
+    @property
+    def gimbal(self) -> GimbalControl | None:
+        """What points the camera, where it is on a gimbal."""
+        return self._pointer
 
     @property
     def origin(self) -> GeodeticOrigin | None:
@@ -170,6 +177,7 @@ class MavlinkDrone(PilotedDrone):
         )
         wanted = {"GLOBAL_POSITION_INT": self._pose_rate_hz, "ATTITUDE": self._pose_rate_hz}
         if self._lens is not None:
+            self._pointer = GimbalControl(self._link, self._clock)
             wanted["GIMBAL_DEVICE_ATTITUDE_STATUS"] = GIMBAL_RATE_HZ
         self._rates = MessageRates(self._link, wanted, self._clock(), self._thinning.passed_over)
         self._gimbal.ask(self._link)
@@ -196,6 +204,8 @@ class MavlinkDrone(PilotedDrone):
 
     def close(self) -> None:
         """Give control back if it is ours (the pilot process orders hold and ends), and close the link."""
+        if self._pointer is not None:
+            self._pointer.release()
         super().close()
         if self._link is not None:
             self._link.close()
@@ -277,6 +287,8 @@ class MavlinkDrone(PilotedDrone):
                 self._lens.servo = self._gimbal.servo
                 if name in ATTITUDE_MESSAGES:
                     self._lens.take(message, arrived_s)
+                elif name == "GIMBAL_MANAGER_STATUS" and self._pointer is not None:
+                    self._pointer.heard(message)
         if name not in GIMBAL_MESSAGES:
             self._state.update(message, arrived_s)
         if name not in ("GLOBAL_POSITION_INT", "ATTITUDE") or message.get_srcSystem() != self._state.system:

@@ -14,7 +14,7 @@ from typing import Final
 
 from pydantic import BaseModel
 
-from mission.drones.drone import Bounds, DroneEvent, Order, OrderState, Path, Telemetry
+from mission.drones.drone import Bounds, CameraPointer, DroneEvent, Order, OrderState, Path, Telemetry
 from mission.drones.limits import FlightSettings
 from mission.drones.loopback import drain
 from mission.drones.pilot_process import PilotProcess, WatchedOrder
@@ -100,6 +100,11 @@ class PilotedDrone(ABC):
             geoid_separation_m=state.geoid_separation_m,
             packet_loss=self._packet_loss(now),
         )
+
+    @property
+    def gimbal(self) -> CameraPointer | None:
+        """See `Drone.gimbal`: none."""
+        return None
 
     def pose_note(self) -> str:
         """See `Drone.pose_note`: nothing."""

@@ -12,6 +12,7 @@ from mission.camera import Camera, Mounting
 from mission.camera.model import CameraModel
 from mission.drones.drone import (
     Bounds,
+    CameraPointer,
     Capabilities,
     DroneEvent,
     OrderState,
@@ -65,6 +66,7 @@ class FakeDrone:
     order: FakeOrder | None = None
     refuse: str = ""
     capabilities: Capabilities = field(default_factory=lambda: Capabilities(True, True, 5.0))
+    gimbal: CameraPointer | None = None
 
     def __post_init__(self) -> None:
         self._aim = self.heading
