@@ -15,7 +15,7 @@ from mission.drones.vehicle import VehicleState
 from mission.pattern import lateral_path
 from mission.pose import Pose
 from mission.records import Frame, GeodeticOrigin, NoiseModel, Vector
-from sitl.autopilot.estimate_errors import preset_of
+from sitl.autopilot.estimate_errors import NoiseName, preset_of
 from sitl.autopilot.rotation import Vec
 from sitl.camera.airframe import body_from_camera
 from sitl.camera.renderer import CameraPose, Renderer, matrix_from_wxyz
@@ -60,7 +60,7 @@ class RenderedFlight:
         self.camera: Camera = camera_of(self.scenario)
         """As a good calibration would describe it."""
         self.origin: GeodeticOrigin = self.scenario.home.origin
-        vehicle = _told(case)
+        vehicle = told_state(case.noise, case.seed)
         self.noise: NoiseModel = noise_model(vehicle)
         """What the mission takes the reported pose to be."""
         east, north, _ = self.world.person_centroid(0, 0.0, -WALKED_S).tolist()
@@ -130,8 +130,8 @@ def flights(cases: Iterable[Case]) -> Iterator[RenderedFlight]:
         yield RenderedFlight(case)
 
 
-def _told(case: Case) -> VehicleState:
-    """What the mission has heard from the autopilot about the quality of its position."""
+def told_state(noise: NoiseName, seed: int) -> VehicleState:
+    """What the mission has heard from an autopilot about the quality of its position."""
     state = VehicleState()
-    state.gps_accuracy_m = preset_of(case.noise, case.seed).gnss_accuracy_m[0]
+    state.gps_accuracy_m = preset_of(noise, seed).gnss_accuracy_m[0]
     return state
