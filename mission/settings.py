@@ -109,7 +109,9 @@ class CameraSettings(_Section):
 class DetectSettings(_Section):
     """Finding and choosing the target."""
 
-    detector: Literal["auto", "hog", "nanodet"] = "auto"
+    detector: Literal["auto", "hog", "nanodet", "tiles"] = Field(
+        "auto", description="tiles: for people of 12 to 60 px seen from above, at ten times the work"
+    )
     timeout_s: float = Field(8.0, gt=0.0, le=120.0, description="how long to look for a person before giving up")
 
 

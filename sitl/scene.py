@@ -54,7 +54,7 @@ class Turn(Table):
 class Person(Table):
     """Somebody who stands or walks."""
 
-    distance_m: float = Field(gt=0.5, le=100.0)
+    distance_m: float = Field(gt=0.5, le=200.0)
     bearing_deg: Degrees
     speed_m_s: float = Field(default=0.0, ge=0.0, le=2.5)
     walk_from_line_of_sight_deg: Degrees | None = None

@@ -10,8 +10,9 @@ from mission.detect.confirmation import Confirmation
 from mission.detect.detector import Detector
 from mission.detect.hog import HogDetector
 from mission.detect.nanodet import NanoDetDetector
+from mission.detect.tiles import TiledDetector
 
-DetectorName = Literal["auto", "hog", "nanodet"]
+DetectorName = Literal["auto", "hog", "nanodet", "tiles"]
 
 __all__ = [
     "AutoDetector",
@@ -29,7 +30,7 @@ def make_detector(name: DetectorName = "auto") -> Detector:
     """The detector of that name.
 
     Raises:
-        DetectionError: the network cannot be read (auto, nanodet).
+        DetectionError: the network cannot be read (all but hog).
     """
     match name:
         case "auto":
@@ -38,3 +39,5 @@ def make_detector(name: DetectorName = "auto") -> Detector:
             return HogDetector()
         case "nanodet":
             return NanoDetDetector()
+        case "tiles":
+            return TiledDetector()

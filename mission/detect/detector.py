@@ -16,7 +16,7 @@ class Detector(Protocol):
 
     @property
     def name(self) -> str:
-        """What the operator calls it: auto, hog or nanodet."""
+        """What the operator calls it: auto, hog, nanodet or tiles."""
         ...
 
     def detect(self, image: Image, region: Box | None = None) -> list[Detection]:

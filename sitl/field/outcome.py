@@ -15,7 +15,6 @@ from mission.estimate import ESTIMATORS
 from mission.estimate.noise_fit import supported
 from mission.pose import Pose
 from mission.records import FlightSightings, TargetPrior, Vector
-from mission.steady import Steadied
 from mission.track import Tracker
 from sitl.field.case import FieldCase
 from sitl.field.flight import FieldFlight, FieldFollowed, follow
@@ -103,7 +102,10 @@ def _answered(flight: FieldFlight, followed: FieldFollowed, basis: FieldOutcome)
         return flight.pose_at(t_s)
 
     steadied = followed.record.steadied(pose_at, offset_s, noise)
-    basis = replace(basis, steadied=steadied.reason is None, said=steadied.note(), **_north(steadied, bias))
+    basis = replace(basis, steadied=steadied.reason is None, said=steadied.note())
+    if steadied.reason is None:
+        north_deg = math.degrees(steadied.north_rad - bias), math.degrees(steadied.north_sigma_rad)
+        basis = replace(basis, north_error_deg=north_deg[0], north_sigma_deg=north_deg[1])
     reported = followed.record.sightings(flight.origin, pose_at, offset_s, noise, TargetPrior())
     stated = followed.record.sightings(flight.origin, pose_at, offset_s, noise, TargetPrior(), steadied)
     found = supported(stated, steadied=steadied.reason is None)
@@ -111,8 +113,8 @@ def _answered(flight: FieldFlight, followed: FieldFollowed, basis: FieldOutcome)
     basis = replace(basis, single_ray_error=ray)
     try:
         answer = ESTIMATORS["batch"].estimate(found)
-    except EstimateRefused as error:
-        return replace(basis, said=error.cause)
+    except EstimateRefused as refused:
+        return replace(basis, said=refused.cause)
     last = found.sightings[-1]
     late_s = offset_s - flight.case.offset_s
     lens, target = flight.true_camera(last.t_s + late_s).position_enu_m, flight.target(answer.t_s + late_s)
@@ -142,15 +144,6 @@ def _bias_rad(flight: FieldFlight) -> float:
 def _azimuth(world_from_gimbal_wxyz: Vector) -> float:
     w, x, y, z = world_from_gimbal_wxyz.tolist()
     return math.atan2(w * w + x * x - y * y - z * z, 2.0 * (x * y + w * z))
-
-
-def _north(steadied: Steadied, bias_rad: float) -> dict[str, float]:
-    if steadied.reason is not None:
-        return {}
-    return {
-        "north_error_deg": math.degrees(steadied.north_rad - bias_rad),
-        "north_sigma_deg": math.degrees(steadied.north_sigma_rad),
-    }
 
 
 def _single_ray(flight: FieldFlight, reported: FlightSightings, late_s: float) -> float:
