@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import tomllib
 from pathlib import Path as FilePath
-from typing import Annotated, Literal, Self, get_args
+from typing import Annotated, Literal, Self, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import ErrorDetails
@@ -38,6 +38,7 @@ class _Section(BaseModel):
         return value
 
 
+SomeSection = TypeVar("SomeSection", bound=_Section)
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
@@ -301,6 +302,18 @@ class TakSettings(_Section):
     authority: FilePath | None = Field(None, description="the server's certificate authority, PEM")
 
 
+class ConsoleSettings(_Section):
+    """The page in the browser, for `sidestep console` and `sidestep serve --console`."""
+
+    host: str = Field("127.0.0.1", description="address to listen at; another than this machine's own needs the next 3")
+    password_file: FilePath | None = Field(None, description="made by `sidestep console --set-password commander`")
+    certificate: FilePath | None = Field(None, description="for https, PEM")
+    key: FilePath | None = Field(None, description="its key, PEM")
+    port: int = Field(8420, ge=0, le=65535, description="to listen at; 0: any that is free")
+    hosts: tuple[str, ...] = Field((), max_length=20, description="more names by which browsers may call this machine")
+    map: FilePath | None = Field(None, description="a PMTiles file to lie under the map; a metre grid without it")
+
+
 Asker = Annotated[str, Field(pattern=r"^(?:[1-9]\d{0,2})(?:/[1-9]\d{0,2})?$")]
 """A system id, or a system id and a component id with a slash between them."""
 
@@ -333,6 +346,7 @@ class MissionSettings(_Section):
     orders: OrderSettings = OrderSettings()
     authority: AuthoritySettings = AuthoritySettings()
     tak: TakSettings = TakSettings()
+    console: ConsoleSettings = ConsoleSettings()
     repeat: int = Field(1, ge=1, le=20, description="how many sidesteps, repositioning between them")
 
 
@@ -385,8 +399,19 @@ def _relative_to(settings: MissionSettings, folder: FilePath) -> MissionSettings
     authority = settings.authority
     if authority.key_file is not None and not authority.key_file.is_absolute():
         authority = authority.model_copy(update={"key_file": folder / authority.key_file})
-    tak = settings.tak
-    files = {name: getattr(tak, name) for name in ("certificate", "key", "authority")}
-    own = {name: folder / path for name, path in files.items() if path is not None and not path.is_absolute()}
-    tak = tak.model_copy(update=own)
-    return settings.model_copy(update={"camera": camera, "answer": answer, "authority": authority, "tak": tak})
+    return settings.model_copy(
+        update={
+            "camera": camera,
+            "answer": answer,
+            "authority": authority,
+            "tak": _files_relative_to(settings.tak, folder, "certificate", "key", "authority"),
+            "console": _files_relative_to(settings.console, folder, "password_file", "certificate", "key", "map"),
+        }
+    )
+
+
+def _files_relative_to(section: SomeSection, folder: FilePath, *names: str) -> SomeSection:
+    files = {name: getattr(section, name) for name in names}
+    return section.model_copy(
+        update={name: folder / path for name, path in files.items() if path is not None and not path.is_absolute()}
+    )

@@ -19,6 +19,7 @@ from mission.errors import SidestepError
 COMMANDS = (
     "locate",
     "serve",
+    "console",
     "plan",
     "estimate",
     "calibrate",

@@ -19,7 +19,7 @@ from gcs_plugin.component.identity import Identity
 from gcs_plugin.component.information import REQUEST_COMMANDS
 from gcs_plugin.component.intervals import Intervals
 from gcs_plugin.component.namesake import Namesake
-from gcs_plugin.component.orders import MARK_COMMANDS, ORDER_COMMANDS, STOP_COMMANDS, Locate, order_of
+from gcs_plugin.component.orders import MARK_COMMANDS, ORDER_COMMANDS, STOP_COMMANDS, Locate, Order, order_of
 
 Message = Any
 """A pymavlink message: its classes are generated and untyped."""
@@ -104,7 +104,7 @@ class CommandServer:
         elif command.command in ORDER_COMMANDS:
             self._order(command, now_s)
         elif command.command in STOP_COMMANDS:
-            self._abort()  # never too many
+            self.abort()  # never too many
             if not too_many:
                 self._acknowledge(command, mavlink.MAV_RESULT_ACCEPTED)
         else:
@@ -170,7 +170,21 @@ class CommandServer:
         else:
             self._acknowledge(command, result)
 
-    def _abort(self) -> None:
+    def take_own(self, order: Order, now_s: float) -> str:
+        """An order of this program's own page, with the limits of all others; why it is not taken, or empty."""
+        reason = self._desk.why_not(order)
+        if not reason and isinstance(order, Locate) and not self._authority.may_fly_again(now_s):
+            reason = "too many flights were ordered; wait a little"
+        if reason:
+            return reason
+        if self._current is not None:  # it takes the place of one that only tracks
+            self._memory.remember(Answer(self._current, mavlink.MAV_RESULT_ACCEPTED, now_s))
+            self._current = None
+        self._desk.put(order)
+        return ""
+
+    def abort(self) -> None:
+        """End whatever waits or runs."""
         never_ran = self._desk.waiting
         self._desk.stop()
         if never_ran and self._current is not None:
@@ -188,7 +202,7 @@ class CommandServer:
         if refusal is not None:
             self._tell(refusal, now_s)
         elif self._current is not None and self._current.command == message.command:
-            self._abort()
+            self.abort()
 
     def _inform(self, command: Command, now_s: float) -> int:
         """MAV_RESULT of a request for information."""

@@ -53,6 +53,18 @@ class ComponentLink(Link, Protocol):
         ...
 
 
+class Visitor(Protocol):
+    """Somebody beside the link who gives orders and is told what stations are told: the console."""
+
+    def turn(self) -> None:
+        """Called in every round of the loop: keep it short."""
+        ...
+
+    def said(self, text: str) -> None:
+        """The operator was told this."""
+        ...
+
+
 class CameraComponent:
     """Discovery, orders, tracking status, answer and parameters on one link. Use as a context.
 
@@ -85,6 +97,8 @@ class CameraComponent:
         self._identity = identity
         self.picture = picture
         """The camera's video; replaced when it turns out to be another."""
+        self.visitor: Visitor | None = None
+        """Also looks in, and is told."""
         self._clock = clock
         self._authority = authority
         self._texts = StatusTexts(link)
@@ -144,7 +158,27 @@ class CameraComponent:
                     break
                 self._take(message)
                 message = self._inbox.get(0.0)
+        if self.visitor is not None:
+            self.visitor.turn()
         self._send_due(self._clock())
+
+    @property
+    def busy(self) -> bool:
+        """Whether an order waits or runs."""
+        return self._desk.busy
+
+    @property
+    def flying(self) -> bool:
+        """Whether an order to fly waits or runs."""
+        return self._desk.flying
+
+    def order(self, order: Order) -> str:
+        """Take an order of this program's own page; why not, or empty. To be called in the loop's own thread."""
+        return self._commands.take_own(order, self._clock())
+
+    def abort(self) -> None:
+        """End whatever waits or runs, as a station's order to stop does."""
+        self._commands.abort()
 
     def should_stop(self) -> bool:
         """Whether the order that runs should end: it was aborted, or another took its place."""
@@ -174,6 +208,8 @@ class CameraComponent:
     def say(self, text: str) -> None:
         """Tell the operator in a STATUSTEXT."""
         self._texts.send(f"sidestep: {text}")
+        if self.visitor is not None:
+            self.visitor.said(text)
 
     def _take(self, message: Message) -> None:
         now_s = self._clock()

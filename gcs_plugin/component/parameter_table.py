@@ -75,7 +75,7 @@ NOT_PARAMETERS: Final = frozenset(
         "orders.video_url",
     }
 )
-"""Settings that are none; nor is any of [authority] and [tak]."""
+"""Settings that are none; nor is any of [authority], [tak] and [console]."""
 
 TIGHTENED_ONLY: Final[dict[str, Literal["at most", "at least"]]] = {
     "limits.radius_m": "at most",

@@ -57,13 +57,13 @@ class Following:
         self._meanwhile = meanwhile
         self._clock = clock
 
-    def run(self, choose: Choose, timeout_s: float, show: Callable[[Seen], None]) -> None:
+    def run(self, choose: Choose, timeout_s: float, show: Callable[[Seen, Frame], None]) -> None:
         """Track until stopped.
 
         Args:
             choose: which person.
             timeout_s: how long to look for people.
-            show: is told where the target is in each frame.
+            show: is told where the target is, and in which frame.
 
         Raises:
             DetectionError: nobody is seen, or not where it was marked, or the target was lost.
@@ -75,7 +75,7 @@ class Following:
         for frame in frames:
             track = self._follower.follow(frame)
             height, width = frame.image.shape[:2]
-            show(Seen(track, width, height))
+            show(Seen(track, width, height), frame)
             if track.state == "lost":
                 raise DetectionError("the target was lost", "Mark it again.")
 

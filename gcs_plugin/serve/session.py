@@ -7,6 +7,7 @@ looking for people, writing pictures) is done in other threads meanwhile.
 from __future__ import annotations
 
 import logging
+import math
 import traceback
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -21,10 +22,12 @@ from gcs_plugin.answer import Times
 from gcs_plugin.component import CameraComponent, Follow, GiveBack, Locate, Mark, NextCandidate, Order
 from gcs_plugin.component.commands import CANCELLED
 from gcs_plugin.component.tracking import Seen
+from gcs_plugin.console.desk import ConsoleDesk
+from gcs_plugin.console.watch import ConsoleWatcher
 from gcs_plugin.cot.publisher import TakPublisher
 from gcs_plugin.flight_folder import FlightFolder
 from gcs_plugin.geotags import Geotag, GeotagLog
-from gcs_plugin.locating import Equipment, Locating, open_camera
+from gcs_plugin.locating import Equipment, Locating, known_camera, open_camera
 from gcs_plugin.progress import Progress
 from gcs_plugin.publish import Link
 from gcs_plugin.push_back import WORDS, PushBack, What
@@ -38,6 +41,7 @@ from mission.drones.drone import Drone
 from mission.errors import FlightEnded, FlightRefused, LinkError, SidestepError
 from mission.located import TargetChoice
 from mission.pointing import Pointing, TargetTracker
+from mission.records import Frame
 from mission.settings import CameraSettings, MissionSettings, VideoSettings
 from mission.track import Tracker
 from mission.video import VideoSource, VideoState
@@ -51,6 +55,8 @@ LAST_PATIENCE_S: Final = 3.0
 """For what is being written when the program is to end: MAVProxy gives it four seconds."""
 LONG_WAIT_S: Final = 2.0
 """From then on the operator is told what the video's opening waits for."""
+VIEWERS_AGAIN_S: Final = 5.0
+"""Between attempts to open a video that only the page's viewers want."""
 FRESH_S: Final = 2.0
 """A target that was tracked this recently is still the one that is meant."""
 
@@ -79,6 +85,8 @@ class Crew:
     open_camera: Callable[[MissionSettings, Callable[[str], None]], tuple[VideoSource, Camera]] = open_camera
     tak: TakPublisher | None = None
     """Shows targets and drone on TAK maps."""
+    console_desk: ConsoleDesk | None = None
+    """Of the page in the browser."""
 
 
 class Session:
@@ -102,6 +110,8 @@ class Session:
         self._target: Seen | None = None
         self._geotag: Geotag | None = None
         self._told = False
+        self._no_video = ""
+        self._no_video_before_s = -math.inf
 
     def run(self) -> None:
         """Serve until the program is to end.
@@ -109,16 +119,42 @@ class Session:
         Raises:
             LinkError: the connection's process is gone.
         """
+        desk = self._crew.console_desk
+        if desk is not None:
+            desk.attach(self._drone, self._component, known_camera(self._component.settings))
+            self._component.visitor = desk
         try:
             while not self._crew.abort.asked():
                 order = self._component.attend(IDLE_WAIT_S)
                 self._look_after_the_link()
                 if order is not None:
                     self._carry_out(order)
+                elif desk is not None and desk.pictures.wanted:
+                    self._play_for_viewers()
                 elif self._view is not None and self._idle_s() >= self._component.settings.video.keep_open_s:
                     self._close_video()
         finally:
+            self._component.visitor = None
             self._close_video()
+            if desk is not None:
+                desk.detach()
+
+    def _play_for_viewers(self) -> None:
+        """Somebody looks at the page: the video is open without an order, too."""
+        self._needed_s = self._crew.times.clock()
+        if (self._view is not None and self._plays_as_set()) or self._needed_s < self._no_video_before_s:
+            return
+        try:
+            self._open_video()
+        except SidestepError as error:
+            self._no_video_before_s = self._crew.times.clock() + VIEWERS_AGAIN_S
+            if str(error) != self._no_video:
+                self._no_video = str(error)
+                self._say(self._no_video)
+                if self._crew.console_desk is not None:
+                    self._crew.console_desk.said(error.cause)
+        else:
+            self._no_video = ""
 
     def _look_after_the_link(self) -> None:
         self._drone.keep_alive()
@@ -152,6 +188,8 @@ class Session:
             self._say(str(error))
             if not self._told:
                 self._component.say(error.cause)
+            elif self._crew.console_desk is not None:
+                self._crew.console_desk.said(error.cause)
         except Exception:  # noqa: BLE001  # a fault in one order must not take the others' answers, nor the component
             _logger.error("the order failed\n%s", without_secrets(traceback.format_exc()))
             self._component.say("internal error, see the log")
@@ -159,6 +197,8 @@ class Session:
             self._crew.abort.in_flight = False
             self._needed_s = self._crew.times.clock()
             self._component.ended(result)
+            if self._crew.console_desk is not None:
+                self._crew.console_desk.ended()
 
     def _result_of(self, error: SidestepError) -> int:
         if self._stopped():
@@ -179,7 +219,9 @@ class Session:
             flight = Locating(parts, settings, choice, folder, progress, crew.times)
             try:
                 self._told = settings.answer.statustext  # the answer itself tells of a flight without one
-                located = flight.run(self._stopped_in_flight, Report(self._component, flight.answer))
+                desk = crew.console_desk
+                told = flight.answer if desk is None else ConsoleWatcher(desk, flight.answer)
+                located = flight.run(self._stopped_in_flight, Report(self._component, told))
                 self._component.tracking(None)
                 self._meanwhile(partial(flight.answer.finish, located))
                 progress.say(f"done: {folder.path}")
@@ -232,8 +274,10 @@ class Session:
             return TargetChoice(box=target.track.box)
         return TargetChoice()
 
-    def _show(self, seen: Seen) -> None:
+    def _show(self, seen: Seen, frame: Frame) -> None:
         self._target = seen
+        if self._crew.console_desk is not None:
+            self._crew.console_desk.frame(frame, seen.track)
         self._component.tracking(seen)
 
     def _stopped(self) -> bool:
@@ -265,6 +309,8 @@ class Session:
         codec = self._view[0].stats().codec or self._component.picture.codec
         picture = replace(self._component.picture, width_px=lens.width_px, height_px=lens.height_px, codec=codec)
         self._component.picture = picture
+        if self._crew.console_desk is not None:
+            self._crew.console_desk.play(*self._view)
         return self._view
 
     def _idle_s(self) -> float:
@@ -280,6 +326,8 @@ class Session:
 
     def _close_video(self) -> None:
         if self._view is not None:
+            if self._crew.console_desk is not None:
+                self._crew.console_desk.play(None, None)
             self._view[0].close()
             self._view = None
 

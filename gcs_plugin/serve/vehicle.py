@@ -15,6 +15,7 @@ from gcs_plugin.answer import Times
 from gcs_plugin.authority import Authority, SignatureMemory, read_key
 from gcs_plugin.component import CameraComponent, Identity, Locate, Order, Picture, StationLink
 from gcs_plugin.component.kept_parameters import KeptParameters
+from gcs_plugin.console.desk import ConsoleDesk
 from gcs_plugin.cot.publisher import tak_publisher
 from gcs_plugin.geotags import GeotagLog
 from gcs_plugin.locating import known_camera
@@ -40,13 +41,16 @@ class VehicleService:
         abort: tells when the program is to end.
         console: for the person at the terminal.
         times: program time and UTC.
+        page: the operator's page in a browser, or None.
 
     Raises:
         SettingsError: the key file cannot be read, or the camera file, or an address of [tak] is none.
         AnswerError: the log of geotags cannot be written.
     """
 
-    def __init__(self, settings: MissionSettings, abort: Abort, console: Console, times: Times) -> None:
+    def __init__(
+        self, settings: MissionSettings, abort: Abort, console: Console, times: Times, page: ConsoleDesk | None = None
+    ) -> None:
         self._abort = abort
         self._console = console
         self._times = times
@@ -66,7 +70,9 @@ class VehicleService:
         for parameter in self._kept.restored:
             self._say(f"as a ground station set it: {parameter}")
         self._tak = tak_publisher(self._settings, self._camera)
-        self._crew = Crew(make_detector(settings.detect.detector), log, console, times, abort, tak=self._tak)
+        self._crew = Crew(
+            make_detector(settings.detect.detector), log, console, times, abort, tak=self._tak, console_desk=page
+        )
 
     def run(self) -> None:
         """Connect and serve, again and again; returns when the program is to end."""

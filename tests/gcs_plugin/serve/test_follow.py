@@ -66,7 +66,9 @@ def run(
     video = FakeVideo(drone, stop_at_s=drone.t_s + video_stops_after_s)
     end_s = drone.t_s + stop_after_s
     shown: list[Seen] = []
-    following(drone, People(people), tape, video, lambda: drone.t_s >= end_s).run(choose, 3.0, shown.append)
+    following(drone, People(people), tape, video, lambda: drone.t_s >= end_s).run(
+        choose, 3.0, lambda seen, _: shown.append(seen)
+    )
     return shown
 
 
