@@ -39,7 +39,7 @@ _TOKEN: Final = re.compile(
 _STREAM_KEY: Final = re.compile(rf"(?i)^(rtmp[a-z]*{_COLON}{_SLASH}{{2}}[^/]+/.*/)[^/]+$")
 _HARMLESS: Final = frozenset(
     {
-        # mission.drones.ardrone.url
+        # mission.vehicle.ardrone.url
         *("at", "navdata", "video", "declination", "scale", "codec", "size"),
         # FFmpeg's udp, rtp, rtsp, tcp, srt
         *(

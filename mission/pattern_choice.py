@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from mission.camera.camera import Camera
 from mission.errors import EstimateRefused, FlightRefused
-from mission.pattern import fitted
-from mission.pattern_bound import Outlook
-from mission.planner import SideRoom, plan_in_flight
+from mission.planning.bound import Outlook
+from mission.planning.planner import SideRoom, plan_in_flight
+from mission.procedure.pattern import fitted
 from mission.records import NoiseModel, TargetPrior
 from mission.settings import PatternSettings
 

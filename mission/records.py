@@ -1,4 +1,4 @@
-"""The one record that flows: Frame -> Detection -> Sighting -> Estimate (-> Geotag, in `gcs_plugin.geotags`).
+"""The one record that flows: Frame -> Detection -> Sighting -> Estimate (-> Geotag, in `gcs_plugin.geotags.log`).
 
 Units are in the field names. Frames of reference:
 

@@ -14,12 +14,12 @@ from typing import Annotated, Literal, Self, TypeVar, get_args
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
-from mission.drones.drone import Bounds
-from mission.drones.limits import FlightSettings
-from mission.drones.pose_quality import COMPASS_SIGMA_RAD
 from mission.errors import SettingsError
 from mission.records import ClassHeight, TargetPrior
 from mission.settings_names import unknown_name
+from mission.vehicle.drone import Bounds
+from mission.vehicle.limits import FlightSettings
+from mission.vehicle.mavlink.pose_quality import COMPASS_SIGMA_RAD
 
 
 class _Section(BaseModel):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from mission.camera.camera import Camera
 from mission.camera.model import CameraModel
 from mission.camera.mounting import Mounting
-from mission.pose import Pose
+from mission.pose.buffer import Pose
 from mission.records import Matrix, Sighting, Vector
 from mission.track import Track
 

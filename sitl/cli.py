@@ -13,9 +13,9 @@ from rich.console import Console
 from rich.table import Table
 
 from mission.errors import SettingsError
-from sitl.run import Result, fly
-from sitl.scenario import Scenario, check_scenario, read_scenario
-from sitl.score import ELLIPSE_95, Score
+from sitl.scenario.schema import Scenario, check_scenario, read_scenario
+from sitl.simulation.run import Result, fly
+from sitl.simulation.score import ELLIPSE_95, Score
 
 
 def register(app: typer.Typer) -> None:

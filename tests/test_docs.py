@@ -13,9 +13,9 @@ import pytest
 from typer.core import TyperGroup
 
 from gcs_plugin.cli.app import program
-from gcs_plugin.geotag import COLUMNS
-from gcs_plugin.geotags import GeotagLog
-from tests.gcs_plugin.sample import geotag
+from gcs_plugin.geotags.geotag import COLUMNS
+from gcs_plugin.geotags.log import GeotagLog
+from tests.support.sample import geotag
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from gcs_plugin.durable import sync, unwritable
-from gcs_plugin.geopackage import APPLICATION_ID, SCHEMA, SRS_ID, USER_VERSION, point, reference_systems
+from gcs_plugin.geotags.geopackage import APPLICATION_ID, SCHEMA, SRS_ID, USER_VERSION, point, reference_systems
 
 Shape = Literal["POINT", "POLYGON", "LINESTRING"]
 Cell = str | float | int | None

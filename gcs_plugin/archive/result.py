@@ -21,7 +21,7 @@ import numpy as np
 
 from gcs_plugin.archive.layers import Feature, Layer, write_layers
 from gcs_plugin.durable import write_whole
-from gcs_plugin.siting import sited
+from gcs_plugin.geotags.siting import sited
 from mission.errors import SidestepError
 from mission.estimate.sightings_file import flight_lines
 from mission.geodesy import ce90_m, enu_to_geodetic, error_ellipse, le90_m

@@ -13,15 +13,15 @@ from rich.table import Table
 
 from gcs_plugin.cli.address import HELP, given_address
 from gcs_plugin.cli.calibrate_baseline import baseline
-from mission.camera.board import Board, CharucoBoard, Chessboard
-from mission.camera.calibration import BoardCalibration, calibrate_board, read_pictures
+from mission.calibration.board import Board, CharucoBoard, Chessboard
+from mission.calibration.intrinsics import BoardCalibration, calibrate_board, read_pictures
+from mission.calibration.latency import Wiggle, measure_latency
+from mission.calibration.theta import calibrate_theta
 from mission.camera.camera import Camera
 from mission.camera.file import read_camera, write_camera
-from mission.camera.latency import Wiggle, measure_latency
 from mission.camera.mounting import Mounting
-from mission.camera.theta import calibrate_theta
-from mission.drones.make import make_drone
 from mission.errors import SettingsError
+from mission.vehicle.make import make_drone
 from mission.video import open_video
 
 calibrate = typer.Typer(help="Calibrate the camera, and the paper's pattern.", no_args_is_help=True)

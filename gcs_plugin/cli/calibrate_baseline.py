@@ -11,18 +11,18 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from gcs_plugin.abort import Abort
 from gcs_plugin.cli.address import HELP, given_address
 from gcs_plugin.durable import write_whole
-from mission.baseline_flight import WallFlight, WallFlights
-from mission.camera.baseline import BaselineTable, baseline_table, reckoning_scale
+from gcs_plugin.terminal.abort import Abort
+from mission.calibration.baseline import BaselineTable, baseline_table, reckoning_scale
+from mission.calibration.baseline_flight import WallFlight, WallFlights
+from mission.calibration.wall import MarkerWall
 from mission.camera.file import read_camera
-from mission.camera.wall import MarkerWall
-from mission.drones.ardrone.url import is_ardrone
-from mission.drones.drone import Bounds
-from mission.drones.make import make_drone
 from mission.errors import SettingsError, VideoError
-from mission.pattern import PAPER_BASELINE_M
+from mission.procedure.pattern import PAPER_BASELINE_M
+from mission.vehicle.ardrone.url import is_ardrone
+from mission.vehicle.drone import Bounds
+from mission.vehicle.make import make_drone
 from mission.video import open_video
 
 CONNECT_TIMEOUT_S = 30.0

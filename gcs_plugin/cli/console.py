@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
-from gcs_plugin.abort import Abort
 from gcs_plugin.cli.address import HELP, given_address
 from gcs_plugin.cli.serve import serve_one
 from gcs_plugin.console.passwords import set_password
 from gcs_plugin.serve.fleet import VehicleOptions
-from gcs_plugin.terminal import lasting_console
+from gcs_plugin.terminal.abort import Abort
+from gcs_plugin.terminal.output import lasting_console
 
 
 class Whose(Enum):

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from gcs_plugin.durable import write_whole
-from gcs_plugin.plan_view import Form, plan_view
+from gcs_plugin.flight_report.plan_view import Form, plan_view
 from mission.errors import SettingsError, SightingsFormatError
 from mission.estimate import ESTIMATORS
 from mission.estimate.sightings_file import FlightProblem, read_flights

@@ -10,7 +10,7 @@ import typer
 
 from gcs_plugin.durable import write_whole
 from gcs_plugin.exports.formats import FORMATS, format_of
-from gcs_plugin.geotags import read_geotags
+from gcs_plugin.geotags.log import read_geotags
 from mission.errors import AnswerError, SettingsError
 
 Format = Enum("Format", {name: name for name in FORMATS})  # type: ignore[misc]  # the choices are the formats

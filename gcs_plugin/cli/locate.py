@@ -14,26 +14,26 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from gcs_plugin.abort import Abort
-from gcs_plugin.answer import Answer, Times
 from gcs_plugin.cli.address import HELP, given_address
 from gcs_plugin.cot.publisher import tak_publisher
-from gcs_plugin.flight_folder import FlightFolder
-from gcs_plugin.geotags import GeotagLog
-from gcs_plugin.locating import Equipment, Locating, known_camera, open_camera
-from gcs_plugin.progress import Progress
-from gcs_plugin.terminal import lasting_console
+from gcs_plugin.flight_report.flight_folder import FlightFolder
+from gcs_plugin.geotags.log import GeotagLog
+from gcs_plugin.locate_session import FlightDevices, LocateSession, known_camera, open_camera
+from gcs_plugin.publish.publisher import AnswerPublisher, Times
+from gcs_plugin.terminal.abort import Abort
+from gcs_plugin.terminal.output import lasting_console
+from gcs_plugin.terminal.progress import Progress
 from mission.addresses import shown_address
 from mission.detect import make_detector
-from mission.drones.ardrone.url import is_ardrone
-from mission.drones.drone import Drone, Order, OrderState
-from mission.drones.make import make_drone, mavlink_of
 from mission.errors import FlightEnded, FlightRefused, SettingsError
 from mission.geodesy import ce90_m
-from mission.located import Located, TargetChoice
+from mission.procedure.result import LocateResult, TargetChoice
 from mission.records import Box
 from mission.settings import MissionSettings, read_settings
 from mission.track import Tracker
+from mission.vehicle.ardrone.url import is_ardrone
+from mission.vehicle.drone import Drone, Order, OrderState
+from mission.vehicle.make import make_drone, mavlink_of
 from mission.video.square import SquareVideo
 
 TAKE_OFF_TIMEOUT_S = 60.0
@@ -125,10 +125,10 @@ def _run(settings: MissionSettings, choice: TargetChoice, take_off: float | None
         tak = tak_publisher(settings, lens)
         if tak is not None:
             stack.callback(tak.close)
-        equipment = Equipment(drone, link, source, lens, detector, Tracker(), log, tak)
+        equipment = FlightDevices(drone, link, source, lens, detector, Tracker(), log, tak)
         if isinstance(source, SquareVideo):
             choice = on_square_pixels(choice, source)
-        flight = Locating(equipment, settings, choice, folder, progress, times)
+        flight = LocateSession(equipment, settings, choice, folder, progress, times)
         stack.callback(flight.answer.close)
         abort.in_flight = True
         try:
@@ -172,7 +172,7 @@ def _wait(drone: Drone, order: Order, timeout_s: float, aborted: Callable[[], bo
         raise FlightEnded(f"{order.kind} ended: {order.reason}")
 
 
-def _print(console: Console, located: Located, answer: Answer, folder: FlightFolder) -> None:
+def _print(console: Console, located: LocateResult, answer: AnswerPublisher, folder: FlightFolder) -> None:
     estimate = located.estimate
     table = Table(show_header=False, title="target")
     if answer.geotag is not None:

@@ -12,8 +12,8 @@ from rich.table import Table
 
 from mission.camera import Camera, read_camera
 from mission.errors import SettingsError
-from mission.pattern_bound import Outlook, Plan
-from mission.planner import Shortfall, SideRoom, plan
+from mission.planning.bound import Outlook, Plan
+from mission.planning.planner import Shortfall, SideRoom, plan
 from mission.records import NoiseModel
 from mission.settings import CameraSettings, PatternSettings, read_settings
 

@@ -10,13 +10,13 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from gcs_plugin.abort import Abort
-from gcs_plugin.answer import Times
 from gcs_plugin.cli.address import HELP, given_address
 from gcs_plugin.component.parameter_table import table_lines
+from gcs_plugin.publish.publisher import Times
 from gcs_plugin.serve.fleet import Fleet, vehicles
 from gcs_plugin.serve.vehicle import VehicleService
-from gcs_plugin.terminal import lasting_console
+from gcs_plugin.terminal.abort import Abort
+from gcs_plugin.terminal.output import lasting_console
 from mission.detect import make_detector
 from mission.errors import SettingsError
 from mission.settings import MissionSettings

@@ -33,7 +33,7 @@ class Sender:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class ReceivedCommand:
     """A command as it came, COMMAND_LONG or COMMAND_INT."""
 
     sender: Sender
@@ -48,10 +48,10 @@ class Command:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class CommandAnswer:
     """The last answer to a command."""
 
-    command: Command
+    command: ReceivedCommand
     result: int
     at_s: float
     progress: int = NO_PROGRESS
@@ -59,7 +59,7 @@ class Answer:
     """Whether the order that it started has not ended yet."""
 
 
-def command_ack(command: Command, result: int, progress: int = NO_PROGRESS) -> Message:
+def command_ack(command: ReceivedCommand, result: int, progress: int = NO_PROGRESS) -> Message:
     """COMMAND_ACK to a command's sender; `progress` in percent, 255 for none."""
     return mavlink.MAVLink_command_ack_message(
         command.command, result, progress, 0, command.sender.system, command.sender.component
@@ -70,12 +70,12 @@ class Memory:
     """The newest answers; the oldest go when there are too many."""
 
     def __init__(self) -> None:
-        self._answers: OrderedDict[tuple[Sender, int, tuple[str, ...]], Answer] = OrderedDict()
+        self._answers: OrderedDict[tuple[Sender, int, tuple[str, ...]], CommandAnswer] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._answers)
 
-    def repeated(self, command: Command, now_s: float) -> Answer | None:
+    def repeated(self, command: ReceivedCommand, now_s: float) -> CommandAnswer | None:
         """The answer to repeat when this command came before, None when it is a new one."""
         known = self._answers.get(command.key)
         if known is None or (now_s - known.at_s > FORGET_S and not known.running):
@@ -88,7 +88,7 @@ class Memory:
         self._answers[command.key] = replace(known, command=command)
         return known
 
-    def remember(self, answer: Answer) -> None:
+    def remember(self, answer: CommandAnswer) -> None:
         """Keep an answer."""
         key = answer.command.key
         self._answers[key] = answer
@@ -97,6 +97,6 @@ class Memory:
             oldest = next((k for k, a in self._answers.items() if not a.running), next(iter(self._answers)))
             del self._answers[oldest]
 
-    def forget(self, command: Command) -> None:
+    def forget(self, command: ReceivedCommand) -> None:
         """The order was withdrawn before it began: given again, it is a new one."""
         self._answers.pop(command.key, None)

@@ -13,13 +13,13 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_plugin.authority import Authority, Refusal
-from gcs_plugin.component.acknowledgements import Answer, Command, Memory, Sender, command_ack
-from gcs_plugin.component.desk import Desk
+from gcs_plugin.component.acknowledgements import CommandAnswer, Memory, ReceivedCommand, Sender, command_ack
 from gcs_plugin.component.identity import Identity
 from gcs_plugin.component.information import REQUEST_COMMANDS
 from gcs_plugin.component.intervals import Intervals
 from gcs_plugin.component.namesake import Namesake
-from gcs_plugin.component.orders import MARK_COMMANDS, ORDER_COMMANDS, STOP_COMMANDS, Locate, Order, order_of
+from gcs_plugin.component.order_queue import OrderQueue
+from gcs_plugin.component.orders import MARK_COMMANDS, ORDER_COMMANDS, STOP_COMMANDS, LocateOrder, Order, order_of
 
 Message = Any
 """A pymavlink message: its classes are generated and untyped."""
@@ -56,7 +56,7 @@ class CommandServer:
         self,
         identity: Identity,
         authority: Authority,
-        desk: Desk,
+        desk: OrderQueue,
         intervals: Intervals,
         *,
         box_locates: Callable[[], bool],
@@ -75,7 +75,7 @@ class CommandServer:
         self._send = send
         self._say = say
         self._memory = Memory()
-        self._current: Command | None = None
+        self._current: ReceivedCommand | None = None
         self._progress = 0
         self._said_progress_s = 0.0
         self._told: dict[str, float] = {}
@@ -138,9 +138,9 @@ class CommandServer:
             self._acknowledge(command, result)
         else:  # it was acknowledged when it was taken
             result = mavlink.MAV_RESULT_ACCEPTED
-        self._memory.remember(Answer(command, result, now_s))
+        self._memory.remember(CommandAnswer(command, result, now_s))
 
-    def _order(self, command: Command, now_s: float) -> None:
+    def _order(self, command: ReceivedCommand, now_s: float) -> None:
         known = self._memory.repeated(command, now_s)
         if known is not None:
             self._send(command_ack(command, known.result, self._progress if known.running else known.progress))
@@ -153,18 +153,18 @@ class CommandServer:
         reason = self._desk.why_not(order)
         if command.command in MARK_COMMANDS and self._namesake.present(now_s):
             reason = "another camera has our id; whom the box is meant for is not known"
-        if not reason and isinstance(order, Locate) and not self._authority.may_fly_again(now_s):
+        if not reason and isinstance(order, LocateOrder) and not self._authority.may_fly_again(now_s):
             reason = "too many flights were ordered; wait a little"
         if reason:
             self._acknowledge(command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
             self._say(f"refused: {reason}")
             return
         if self._current is not None:  # the new order takes the place of one that only tracks
-            self._memory.remember(Answer(self._current, mavlink.MAV_RESULT_ACCEPTED, now_s))
+            self._memory.remember(CommandAnswer(self._current, mavlink.MAV_RESULT_ACCEPTED, now_s))
         self._desk.put(order)
         self._current, self._progress = command, 0
         result = mavlink.MAV_RESULT_IN_PROGRESS if _takes_long(command) else mavlink.MAV_RESULT_ACCEPTED
-        self._memory.remember(Answer(command, result, now_s, running=True))
+        self._memory.remember(CommandAnswer(command, result, now_s, running=True))
         if _takes_long(command):
             self._say_progress(command, now_s)
         else:
@@ -173,12 +173,12 @@ class CommandServer:
     def take_own(self, order: Order, now_s: float) -> str:
         """An order of this program's own page, with the limits of all others; why it is not taken, or empty."""
         reason = self._desk.why_not(order)
-        if not reason and isinstance(order, Locate) and not self._authority.may_fly_again(now_s):
+        if not reason and isinstance(order, LocateOrder) and not self._authority.may_fly_again(now_s):
             reason = "too many flights were ordered; wait a little"
         if reason:
             return reason
         if self._current is not None:  # it takes the place of one that only tracks
-            self._memory.remember(Answer(self._current, mavlink.MAV_RESULT_ACCEPTED, now_s))
+            self._memory.remember(CommandAnswer(self._current, mavlink.MAV_RESULT_ACCEPTED, now_s))
             self._current = None
         self._desk.put(order)
         return ""
@@ -204,7 +204,7 @@ class CommandServer:
         elif self._current is not None and self._current.command == message.command:
             self.abort()
 
-    def _inform(self, command: Command, now_s: float) -> int:
+    def _inform(self, command: ReceivedCommand, now_s: float) -> int:
         """MAV_RESULT of a request for information."""
         if command.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             wanted = _whole(command.params[0])
@@ -232,26 +232,26 @@ class CommandServer:
             self._told[refusal.reason] = now_s
             self._say(f"refused: {refusal.text} ({self._authority.counts[refusal.reason]} times)")
 
-    def _say_progress(self, command: Command, now_s: float) -> None:
+    def _say_progress(self, command: ReceivedCommand, now_s: float) -> None:
         self._said_progress_s = now_s
         self._send(command_ack(command, mavlink.MAV_RESULT_IN_PROGRESS, self._progress))
 
-    def _acknowledge(self, command: Command, result: int) -> None:
+    def _acknowledge(self, command: ReceivedCommand, result: int) -> None:
         self._send(command_ack(command, result))
 
 
-def _takes_long(command: Command) -> bool:
+def _takes_long(command: ReceivedCommand) -> bool:
     """Whether its sender waits for the end (stations give up on a box that is not accepted at once)."""
     return command.command in (mavlink.MAV_CMD_USER_1, mavlink.MAV_CMD_USER_4)
 
 
-def _read(message: Message) -> Command:
+def _read(message: Message) -> ReceivedCommand:
     four = (message.param1, message.param2, message.param3, message.param4)
     sender = Sender(message.get_srcSystem(), message.get_srcComponent())
     if message.get_type() == "COMMAND_LONG":
         rest = (message.param5, message.param6, message.param7)
-        return Command(sender, message.command, four + rest, message.confirmation)
-    return Command(sender, message.command, (*four, float(message.x), float(message.y), message.z), 0)
+        return ReceivedCommand(sender, message.command, four + rest, message.confirmation)
+    return ReceivedCommand(sender, message.command, (*four, float(message.x), float(message.y), message.z), 0)
 
 
 def _whole(value: float) -> int | None:

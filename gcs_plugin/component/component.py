@@ -16,15 +16,15 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_plugin.authority import Authority
 from gcs_plugin.component.commands import COMMAND_MESSAGES, CommandServer
-from gcs_plugin.component.desk import Desk
 from gcs_plugin.component.identity import HEARTBEAT_S, Identity, heartbeat
 from gcs_plugin.component.information import Picture, information
 from gcs_plugin.component.intervals import Intervals
 from gcs_plugin.component.namesake import Namesake
+from gcs_plugin.component.order_queue import OrderQueue
 from gcs_plugin.component.orders import Order
 from gcs_plugin.component.parameter_protocol import PARAMETER_MESSAGES, ParameterServer
-from gcs_plugin.component.tracking import Seen, camera_tracking_image_status
-from gcs_plugin.publish import Inbox, Link, StatusTexts
+from gcs_plugin.component.tracking import TrackedBox, camera_tracking_image_status
+from gcs_plugin.publish.messages import Inbox, Link, StatusTexts
 from mission.settings import MissionSettings
 
 Message = Any
@@ -102,7 +102,7 @@ class CameraComponent:
         self._clock = clock
         self._authority = authority
         self._texts = StatusTexts(link)
-        self._desk = Desk(refusal)
+        self._desk = OrderQueue(refusal)
         self._namesake = Namesake(identity, self.say)
         self._intervals = Intervals(DEFAULT_INTERVALS_US)
         self._parameters = ParameterServer(settings, identity.encoding, file, self.say)
@@ -117,7 +117,7 @@ class CameraComponent:
             send=link.send,
             say=self.say,
         )
-        self._seen: Seen | None = None
+        self._seen: TrackedBox | None = None
         self._started_s = clock()
         self._next_beat_s = self._started_s
         self._listening = link.listen("HEARTBEAT", *COMMAND_MESSAGES, *PARAMETER_MESSAGES, gate=authority.lets_in)
@@ -199,7 +199,7 @@ class CameraComponent:
         if not self._desk.waiting:
             self._commands.ended(result, self._clock())
 
-    def tracking(self, seen: Seen | None) -> None:
+    def tracking(self, seen: TrackedBox | None) -> None:
         """Where the target is in the newest picture; None when nothing is tracked."""
         was, self._seen = self._seen, seen
         if seen is None and was is not None:

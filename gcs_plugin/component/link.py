@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import Any, Final
 
-from gcs_plugin.publish import Inbox
-from mission.drones.link import Gate, MavlinkLink
+from gcs_plugin.publish.messages import Inbox
+from mission.vehicle.mavlink.link import Gate, MavlinkLink
 
 Message = Any
 """A pymavlink message: its classes are generated and untyped."""
@@ -17,7 +17,7 @@ INBOX_SIZE: Final = 500
 
 
 class StationLink:
-    """`gcs_plugin.publish.Link` that speaks as one component of the vehicle.
+    """`gcs_plugin.publish.messages.Link` that speaks as one component of the vehicle.
 
     Args:
         link: the vehicle's, which also others use.

@@ -9,7 +9,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from mission.located import TargetChoice
+from mission.procedure.result import TargetChoice
 from mission.records import Box
 
 LEAST_SIDE: Final = 0.004
@@ -39,7 +39,7 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
-class Locate:
+class LocateOrder:
     """Fly and locate: the marked target, else the one that is tracked, else the one nearest the middle."""
 
     mark: Mark | None = None
@@ -58,14 +58,14 @@ class NextCandidate:
 
 
 @dataclass(frozen=True, slots=True)
-class GiveBack:
+class ReleaseControl:
     """Give the last answer to the autopilot: as region of interest, as waypoint."""
 
     roi: bool
     waypoint: bool
 
 
-Order = Locate | Follow | NextCandidate | GiveBack
+Order = LocateOrder | Follow | NextCandidate | ReleaseControl
 
 ORDER_COMMANDS: Final = (
     mavlink.MAV_CMD_USER_1,
@@ -98,12 +98,12 @@ def order_of(command: int, params: Sequence[float], *, box_locates: bool) -> Ord
     else:
         left, top, right, bottom = (0.0 if math.isnan(p) else p for p in params[:4])
         if (left, top, right, bottom) == (0.0, 0.0, 0.0, 0.0):
-            return Locate()
+            return LocateOrder()
         mark = point(left, top) if (right, bottom) == (0.0, 0.0) else rectangle(left, top, right, bottom)
-        return None if mark is None else Locate(mark)
+        return None if mark is None else LocateOrder(mark)
     if mark is None:
         return None
-    return Locate(mark) if box_locates else Follow(mark)
+    return LocateOrder(mark) if box_locates else Follow(mark)
 
 
 def point(x: float, y: float) -> Mark | None:
@@ -120,8 +120,8 @@ def rectangle(left: float, top: float, right: float, bottom: float) -> Mark | No
     return Mark(x0, y0, x1, y1) if x1 - x0 >= LEAST_SIDE and y1 - y0 >= LEAST_SIDE else None
 
 
-def _give_back(what: float) -> GiveBack | None:
+def _give_back(what: float) -> ReleaseControl | None:
     """0 both, 1 the region of interest, 2 the waypoint."""
     if math.isnan(what):
         what = 0.0
-    return GiveBack(roi=what != 2.0, waypoint=what != 1.0) if what in (0.0, 1.0, 2.0) else None
+    return ReleaseControl(roi=what != 2.0, waypoint=what != 1.0) if what in (0.0, 1.0, 2.0) else None

@@ -16,7 +16,7 @@ NOT_SET: Final = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class TrackedBox:
     """A target in a picture of a size in pixels."""
 
     track: Track
@@ -29,7 +29,7 @@ class Seen:
         return self.track.state == "lost"
 
 
-def camera_tracking_image_status(seen: Seen | None) -> Message:
+def camera_tracking_image_status(seen: TrackedBox | None) -> Message:
     """CAMERA_TRACKING_IMAGE_STATUS: the target's box as fractions of the picture; idle for None."""
     if seen is None:
         return mavlink.MAVLink_camera_tracking_image_status_message(

@@ -15,16 +15,16 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from gcs_plugin.component.orders import Follow, GiveBack, Order, point, rectangle
+from gcs_plugin.component.orders import Follow, Order, ReleaseControl, point, rectangle
 from gcs_plugin.console.pictures import Pictures
 from gcs_plugin.console.scene import Scene
 from gcs_plugin.console.targets import TargetList
 from mission.camera import Camera
-from mission.drones.drone import Drone, Telemetry
-from mission.located import Stage
+from mission.procedure.result import Stage
 from mission.records import FlightSightings, Frame
 from mission.settings import MissionSettings
 from mission.track import Track
+from mission.vehicle.drone import Drone, Telemetry
 from mission.video import VideoSource, VideoStats
 
 OLD_PICTURE_S: Final = 4.0
@@ -276,6 +276,8 @@ class ConsoleDesk:
                 return
 
 
-def give_back(what: str) -> GiveBack | None:
+def release_control(what: str) -> ReleaseControl | None:
     """The order to give the last answer to the autopilot: look at it, or a waypoint beside it."""
-    return {"roi": GiveBack(roi=True, waypoint=False), "waypoint": GiveBack(roi=False, waypoint=True)}.get(what)
+    return {"roi": ReleaseControl(roi=True, waypoint=False), "waypoint": ReleaseControl(roi=False, waypoint=True)}.get(
+        what
+    )

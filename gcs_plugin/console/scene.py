@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from mission.camera import Camera
 from mission.camera.model import CameraModel
-from mission.drones.drone import Drone
 from mission.geodesy import enu_to_geodetic
-from mission.pose import Pose
+from mission.pose.buffer import Pose
 from mission.records import FlightSightings, Frame, GeodeticOrigin, Vector
 from mission.sighting import azimuth_of, camera_position
 from mission.track import Track
+from mission.vehicle.drone import Drone
 
 Position = tuple[float, float]
 """Longitude and latitude, degrees."""

@@ -16,10 +16,10 @@ from typing import Any, Final
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gcs_plugin.authority.rate import TokenBucket
-from gcs_plugin.component.orders import Locate, Order
+from gcs_plugin.component.orders import LocateOrder, Order
 from gcs_plugin.console.access import Session
 from gcs_plugin.console.command import Command
-from gcs_plugin.console.desk import ANSWER_S, ConsoleDesk, give_back
+from gcs_plugin.console.desk import ANSWER_S, ConsoleDesk, release_control
 from gcs_plugin.console.people import Lookout
 from gcs_plugin.console.pictures import Picture
 from gcs_plugin.console.state import state_json
@@ -137,10 +137,10 @@ class Page:
     def _ordered(self, kind: str, message: Mapping[str, Any]) -> Order | str:
         """The order that a message gives, or why there is none."""
         if kind == "locate":
-            return Locate()
+            return LocateOrder()
         if kind == "mark":
             return self._marked(message)
-        return give_back(str(message.get("what"))) or "there is no such order"
+        return release_control(str(message.get("what"))) or "there is no such order"
 
     def _marked(self, message: Mapping[str, Any]) -> Order | str:
         picture, box = message.get("picture"), message.get("box")

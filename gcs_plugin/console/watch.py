@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from gcs_plugin.answer import Answer
 from gcs_plugin.console.desk import ConsoleDesk
-from mission.located import Located, Stage
+from gcs_plugin.publish.publisher import AnswerPublisher
+from mission.procedure.result import LocateResult, Stage
 from mission.records import FlightSightings, Frame
 from mission.track import Track
 
@@ -17,7 +17,7 @@ class ConsoleWatcher:
         other: which stores and publishes.
     """
 
-    def __init__(self, desk: ConsoleDesk, other: Answer) -> None:
+    def __init__(self, desk: ConsoleDesk, other: AnswerPublisher) -> None:
         self._desk = desk
         self._other = other
 
@@ -35,7 +35,7 @@ class ConsoleWatcher:
         """The sightings."""
         self._other.sightings(flight)
 
-    def located(self, located: Located) -> None:
+    def located(self, located: LocateResult) -> None:
         """The answer."""
         self._other.located(located)
         if located.geodetic:
@@ -43,6 +43,6 @@ class ConsoleWatcher:
         if self._other.geotag is not None:
             self._desk.targets.tell(self._other.geotag)
 
-    def keep(self, located: Located) -> None:
+    def keep(self, located: LocateResult) -> None:
         """Store the answer."""
         self._other.keep(located)

@@ -13,11 +13,11 @@ from typing import Final
 from gcs_plugin.cot.event import DroneState, drone_event, ellipse_event, target_event
 from gcs_plugin.cot.sender import CotSender, cot_sender
 from gcs_plugin.exports.words import moves
-from gcs_plugin.geotag import Geotag
+from gcs_plugin.geotags.geotag import Geotag
 from mission.camera import Camera
-from mission.drones.drone import Drone
 from mission.geodesy import altitude_in, enu_to_geodetic
 from mission.settings import MissionSettings, TakSettings
+from mission.vehicle.drone import Drone
 
 DRONE_PERIOD_S: Final = 1.0
 _POSE_AGE_S: Final = 0.3

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Final
 
 from gcs_plugin.cot.package import to_data_package
-from gcs_plugin.export import to_csv, to_geojson
 from gcs_plugin.exports.caltopo import to_caltopo
 from gcs_plugin.exports.gpx import to_gpx
+from gcs_plugin.exports.kml import to_kml
 from gcs_plugin.exports.kmz import to_kmz
 from gcs_plugin.exports.layers import to_geopackage
 from gcs_plugin.exports.picture import to_jpeg
-from gcs_plugin.geotag import Geotag
-from gcs_plugin.kml import to_kml
+from gcs_plugin.exports.text_formats import to_csv, to_geojson
+from gcs_plugin.geotags.geotag import Geotag
 from mission.errors import AnswerError, SettingsError
 
 Export = Callable[[Sequence[Geotag]], bytes]

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from gcs_plugin.exports.archive import picture_name, zipped
-from gcs_plugin.geotag import Geotag
-from gcs_plugin.kml import to_kml
+from gcs_plugin.exports.kml import to_kml
+from gcs_plugin.geotags.geotag import Geotag
 from mission.records import Image
 
 ICON: Final = "files/target.png"

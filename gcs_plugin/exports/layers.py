@@ -1,7 +1,7 @@
 """Geotags as a GeoPackage for GIS programs: layers of targets, ellipses and ways, with styles and pictures.
 
-The program's own log (`gcs_plugin.geotags`) has one table, so that appending to it is one small write; this is the copy
-for people: layers look right in QGIS as they are (`layer_styles`), and pictures are a related table (OGC 18-000).
+The program's own log (`gcs_plugin.geotags.log`) has one table, so that appending to it is one small write; this is the
+copy for people: layers look right in QGIS as they are (`layer_styles`), and pictures are a related table (OGC 18-000).
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
-from gcs_plugin import geopackage
+from gcs_plugin.exports.outline import Ring, ellipse_rings, velocity_arrow
 from gcs_plugin.exports.words import moves, name_of
-from gcs_plugin.geotag import COLUMNS, Geotag, row
-from gcs_plugin.outline import Ring, ellipse_rings, velocity_arrow
+from gcs_plugin.geotags import geopackage
+from gcs_plugin.geotags.geotag import COLUMNS, Geotag, row
 
 TARGETS, ELLIPSES, WAYS, PICTURES = "targets", "ellipses", "ways", "pictures"
 _LINK: Final = "targets_pictures"

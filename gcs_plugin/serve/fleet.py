@@ -14,10 +14,10 @@ from typing import IO, Final, TypeVar
 
 from gcs_plugin.serve.hub import Hub
 from mission.addresses import FROM_INPUT
-from mission.drones.loopback import loopback_socket
-from mission.drones.url import mavsdk_url
 from mission.errors import SettingsError
 from mission.settings import MissionSettings, read_settings
+from mission.vehicle.mavlink.url import mavsdk_url
+from mission.vehicle.pilot.loopback import loopback_socket
 
 AGAIN_S: Final = 2.0
 """A vehicle's process that failed is started again after this time, twice as long each time it fails soon again."""

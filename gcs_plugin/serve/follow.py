@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Final, Protocol
 
-from gcs_plugin.component.tracking import Seen
+from gcs_plugin.component.tracking import TrackedBox
 from mission.detect import Confirmation, Detector
 from mission.errors import DetectionError, VideoError
-from mission.flight_loop import FRAME_WAIT_S, VIDEO_LOST_S
+from mission.procedure.flight_loop import FRAME_WAIT_S, VIDEO_LOST_S
 from mission.records import Box, Detection, Frame
 from mission.track import Track
 from mission.video import VideoSource
@@ -19,7 +19,7 @@ Choose = Callable[[Sequence[Detection]], Detection]
 
 
 class Follower(Protocol):
-    """Follows the target from frame to frame (`mission.pointing.Pointing`)."""
+    """Follows the target from frame to frame (`mission.procedure.pointing.Pointing`)."""
 
     def follow(self, frame: Frame) -> Track:
         """Where it is in the next frame."""
@@ -57,7 +57,7 @@ class Following:
         self._meanwhile = meanwhile
         self._clock = clock
 
-    def run(self, choose: Choose, timeout_s: float, show: Callable[[Seen, Frame], None]) -> None:
+    def run(self, choose: Choose, timeout_s: float, show: Callable[[TrackedBox, Frame], None]) -> None:
         """Track until stopped.
 
         Args:
@@ -75,7 +75,7 @@ class Following:
         for frame in frames:
             track = self._follower.follow(frame)
             height, width = frame.image.shape[:2]
-            show(Seen(track, width, height), frame)
+            show(TrackedBox(track, width, height), frame)
             if track.state == "lost":
                 raise DetectionError("the target was lost", "Mark it again.")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from gcs_plugin.component import CameraComponent
-from gcs_plugin.component.tracking import Seen
-from mission.located import Located, Stage, Watcher
+from gcs_plugin.component.tracking import TrackedBox
+from mission.procedure.result import LocateResult, Stage, Watcher
 from mission.records import FlightSightings, Frame
 from mission.track import Track
 
@@ -44,17 +44,17 @@ class Report:
         """A frame with the target: its box."""
         if track is not None:
             height, width = frame.image.shape[:2]
-            self._component.tracking(Seen(track, width, height))
+            self._component.tracking(TrackedBox(track, width, height))
         self._other.frame(frame, track)
 
     def sightings(self, flight: FlightSightings) -> None:
         """The sightings."""
         self._other.sightings(flight)
 
-    def located(self, located: Located) -> None:
+    def located(self, located: LocateResult) -> None:
         """The answer."""
         self._other.located(located)
 
-    def keep(self, located: Located) -> None:
+    def keep(self, located: LocateResult) -> None:
         """Store the answer."""
         self._other.keep(located)

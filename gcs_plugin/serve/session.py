@@ -18,32 +18,32 @@ from typing import Final, Protocol, TypeVar
 from pymavlink.dialects.v20 import all as mavlink
 from rich.console import Console
 
-from gcs_plugin.answer import Times
-from gcs_plugin.component import CameraComponent, Follow, GiveBack, Locate, Mark, NextCandidate, Order
+from gcs_plugin.component import CameraComponent, Follow, LocateOrder, Mark, NextCandidate, Order, ReleaseControl
 from gcs_plugin.component.commands import CANCELLED
-from gcs_plugin.component.tracking import Seen
+from gcs_plugin.component.tracking import TrackedBox
 from gcs_plugin.console.desk import ConsoleDesk
 from gcs_plugin.console.watch import ConsoleWatcher
 from gcs_plugin.cot.publisher import TakPublisher
-from gcs_plugin.flight_folder import FlightFolder
-from gcs_plugin.geotags import Geotag, GeotagLog
-from gcs_plugin.locating import Equipment, Locating, known_camera, open_camera
-from gcs_plugin.progress import Progress
-from gcs_plugin.publish import Link
-from gcs_plugin.push_back import WORDS, PushBack, What
+from gcs_plugin.flight_report.flight_folder import FlightFolder
+from gcs_plugin.geotags.log import Geotag, GeotagLog
+from gcs_plugin.locate_session import FlightDevices, LocateSession, known_camera, open_camera
+from gcs_plugin.publish.autopilot_handoff import WORDS, AutopilotHandoff, What
+from gcs_plugin.publish.messages import Link
+from gcs_plugin.publish.publisher import Times
 from gcs_plugin.serve.follow import Choose, Following, next_candidate
 from gcs_plugin.serve.report import Report
 from gcs_plugin.serve.workers import in_the_background
+from gcs_plugin.terminal.progress import Progress
 from mission.addresses import without_secrets
 from mission.camera import Camera
 from mission.detect import Detector, choose
-from mission.drones.drone import Drone
 from mission.errors import FlightEnded, FlightRefused, LinkError, SidestepError
-from mission.located import TargetChoice
-from mission.pointing import Pointing, TargetTracker
+from mission.procedure.pointing import Pointing, TargetTracker
+from mission.procedure.result import TargetChoice
 from mission.records import Frame
 from mission.settings import CameraSettings, MissionSettings, VideoSettings
 from mission.track import Tracker
+from mission.vehicle.drone import Drone
 from mission.video import VideoSource, VideoState
 
 _logger = logging.getLogger(__name__)
@@ -62,7 +62,7 @@ FRESH_S: Final = 2.0
 
 
 class Ending(Protocol):
-    """The end of the program (`gcs_plugin.abort.Abort`)."""
+    """The end of the program (`gcs_plugin.terminal.abort.Abort`)."""
 
     in_flight: bool
 
@@ -72,7 +72,7 @@ class Ending(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Crew:
+class ServeContext:
     """What outlives a connection."""
 
     detector: Detector
@@ -89,7 +89,7 @@ class Crew:
     """Of the page in the browser."""
 
 
-class Session:
+class ServeSession:
     """Serves a vehicle for as long as the connection lasts.
 
     Args:
@@ -99,7 +99,7 @@ class Session:
         component: listening.
     """
 
-    def __init__(self, crew: Crew, drone: Drone, link: Link, component: CameraComponent) -> None:
+    def __init__(self, crew: ServeContext, drone: Drone, link: Link, component: CameraComponent) -> None:
         self._crew = crew
         self._drone = drone
         self._link = link
@@ -107,7 +107,7 @@ class Session:
         self._view: tuple[VideoSource, Camera] | None = None
         self._opened_with: tuple[VideoSettings, CameraSettings] | None = None
         self._needed_s = 0.0
-        self._target: Seen | None = None
+        self._target: TrackedBox | None = None
         self._geotag: Geotag | None = None
         self._told = False
         self._no_video = ""
@@ -176,9 +176,9 @@ class Session:
         self._crew.abort.in_flight = True
         try:
             match order:
-                case Locate():
+                case LocateOrder():
                     self._locate(order)
-                case GiveBack():
+                case ReleaseControl():
                     self._give_back(order)
                 case Follow() | NextCandidate():
                     self._follow(order)
@@ -206,7 +206,7 @@ class Session:
         refused = isinstance(error, FlightRefused)
         return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED if refused else mavlink.MAV_RESULT_FAILED)
 
-    def _locate(self, order: Locate) -> None:
+    def _locate(self, order: LocateOrder) -> None:
         settings, crew = self._component.settings, self._crew
         self._component.say("order taken" if self._plays_as_set() else "order taken, opening the video")
         prepared = in_the_background(crew.log.prepare)
@@ -215,8 +215,10 @@ class Session:
         choice = self._choice(order.mark, camera)
         with FlightFolder(settings.answer.folder, crew.times.utc()) as folder, Progress(crew.console) as progress:
             progress.say(f"ordered to locate {choice}")
-            parts = Equipment(self._drone, self._link, video, camera, crew.detector, crew.tracker(), crew.log, crew.tak)
-            flight = Locating(parts, settings, choice, folder, progress, crew.times)
+            parts = FlightDevices(
+                self._drone, self._link, video, camera, crew.detector, crew.tracker(), crew.log, crew.tak
+            )
+            flight = LocateSession(parts, settings, choice, folder, progress, crew.times)
             try:
                 self._told = settings.answer.statustext  # the answer itself tells of a flight without one
                 desk = crew.console_desk
@@ -229,12 +231,12 @@ class Session:
                 self._geotag = flight.answer.geotag or self._geotag
                 flight.answer.close()
 
-    def _give_back(self, order: GiveBack) -> None:
+    def _give_back(self, order: ReleaseControl) -> None:
         """The last answer to the autopilot, as region of interest and waypoint."""
-        push_back = PushBack(self._link, self._component.settings.answer)
+        autopilot_handoff = AutopilotHandoff(self._link, self._component.settings.answer)
         wanted: list[tuple[What, bool]] = [("roi", order.roi), ("waypoint", order.waypoint)]
         for what in (name for name, is_asked in wanted if is_asked):
-            asked = partial(push_back.requested, what, self._geotag)
+            asked = partial(autopilot_handoff.requested, what, self._geotag)
             said = self._await(in_the_background(asked), patience_s=0.0)  # half a plan changes nothing
             self._say(f"{WORDS[what]}: {said}")
             self._component.say(f"{WORDS[what]} {said}")
@@ -274,7 +276,7 @@ class Session:
             return TargetChoice(box=target.track.box)
         return TargetChoice()
 
-    def _show(self, seen: Seen, frame: Frame) -> None:
+    def _show(self, seen: TrackedBox, frame: Frame) -> None:
         self._target = seen
         if self._crew.console_desk is not None:
             self._crew.console_desk.frame(frame, seen.track)

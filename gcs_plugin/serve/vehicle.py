@@ -10,24 +10,24 @@ from typing import Final
 
 from rich.console import Console
 
-from gcs_plugin.abort import Abort
-from gcs_plugin.answer import Times
 from gcs_plugin.authority import Authority, SignatureMemory, read_key
-from gcs_plugin.component import CameraComponent, Identity, Locate, Order, Picture, StationLink
+from gcs_plugin.component import CameraComponent, Identity, LocateOrder, Order, Picture, StationLink
 from gcs_plugin.component.kept_parameters import KeptParameters
 from gcs_plugin.console.desk import ConsoleDesk
 from gcs_plugin.cot.publisher import tak_publisher
-from gcs_plugin.geotags import GeotagLog
-from gcs_plugin.locating import known_camera
-from gcs_plugin.serve.session import Crew, Session
+from gcs_plugin.geotags.log import GeotagLog
+from gcs_plugin.locate_session import known_camera
+from gcs_plugin.publish.publisher import Times
+from gcs_plugin.serve.session import ServeContext, ServeSession
+from gcs_plugin.terminal.abort import Abort
 from mission.addresses import shown_address
 from mission.camera import Camera
 from mission.detect import make_detector
-from mission.drones.drone import Telemetry
-from mission.drones.make import AnyDrone, make_drone, mavlink_of
-from mission.drones.preconditions import gimbal_refusal, unfit
 from mission.errors import LinkError, SettingsError
 from mission.settings import MissionSettings
+from mission.vehicle.drone import Telemetry
+from mission.vehicle.make import AnyDrone, make_drone, mavlink_of
+from mission.vehicle.pilot.preconditions import gimbal_refusal, unfit
 
 AGAIN_S: Final = 2.0
 """Between attempts to reach the aircraft."""
@@ -70,7 +70,7 @@ class VehicleService:
         for parameter in self._kept.restored:
             self._say(f"as a ground station set it: {parameter}")
         self._tak = tak_publisher(self._settings, self._camera)
-        self._crew = Crew(
+        self._crew = ServeContext(
             make_detector(settings.detect.detector), log, console, times, abort, tak=self._tak, console_desk=page
         )
 
@@ -139,7 +139,7 @@ class VehicleService:
             if component.picture.stream is None:
                 self._say("stations are not told of the video: they could not open its address, or it has a password")
             try:
-                Session(self._crew, drone, station, component).run()
+                ServeSession(self._crew, drone, station, component).run()
             finally:
                 self._settings = component.settings
 
@@ -152,7 +152,7 @@ def refusal(order: Order, telemetry: Telemetry, settings: MissionSettings) -> st
 
     Said before the order is accepted. The pilot process looks again, at more, before it takes control.
     """
-    if not isinstance(order, Locate):
+    if not isinstance(order, LocateOrder):
         return ""
     fit = unfit(telemetry, settings.link.min_battery)
     return fit or gimbal_refusal(telemetry, ignored=settings.camera.ignore_gimbal) or ""

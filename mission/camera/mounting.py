@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mission.pose import Pose
+from mission.pose.buffer import Pose
 from mission.records import Vector
 
 Quaternion = tuple[float, float, float, float]

@@ -17,9 +17,9 @@ from mission.estimate.arrow import NotPositiveDefinite
 from mission.estimate.gauss_newton import Minimum, minimise
 from mission.estimate.joint_model import WHITE, JointModel
 from mission.estimate.observations import Observations, observe, tamed_noise, tamed_prior
+from mission.estimate.outliers import PIXEL_LIMIT, SIZE_LIMIT, blunder_scores, plausible, worst
 from mission.estimate.posterior import to_estimate
 from mission.estimate.starts import Start, find_starts, meets_behind
-from mission.estimate.wrong_sightings import PIXEL_LIMIT, SIZE_LIMIT, blunder_scores, plausible, worst
 from mission.records import Estimate, FlightSightings, Vector
 
 _RIVAL = 12.0

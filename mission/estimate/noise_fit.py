@@ -121,7 +121,7 @@ def no_better(fitted: NoiseModel, stated: NoiseModel) -> NoiseModel:
     )
 
 
-def supported(flight: FlightSightings, *, steadied: bool) -> FlightSightings:
+def with_fitted_noise(flight: FlightSightings, *, steadied: bool) -> FlightSightings:
     """The flight under the noise that it supports, ready to be estimated.
 
     Poses by the background come with how well they are known, and the estimate averages over what that may be wrong

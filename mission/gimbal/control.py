@@ -31,7 +31,7 @@ _FLAGS: Final = int(
 
 
 class GimbalLink(Protocol):
-    """What it takes to command a gimbal (`mission.drones.link.MavlinkLink`)."""
+    """What it takes to command a gimbal (`mission.vehicle.mavlink.link.MavlinkLink`)."""
 
     source_system: int
     source_component: int

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from mission.errors import LogError
-from mission.pose import Pose, PoseAt, PoseBuffer
+from mission.pose.buffer import Pose, PoseAt, PoseBuffer
 from mission.records import GeodeticOrigin, Matrix, NoiseModel, Vector
 
 LogKind = Literal["tlog", "dataflash", "ulog", "dji-srt", "misb-klv", "csv"]

@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.drones.pose_quality import noise_model
-from mission.drones.vehicle import VehicleState
 from mission.errors import LogError
 from mission.geodesy import geodetic_to_enu
 from mission.logs.pose_log import Attitudes, Positions, interpolation_sigma_rad
-from mission.pose import world_from_body
+from mission.pose.buffer import world_from_body
 from mission.records import Datum, GeodeticOrigin, Matrix, NoiseModel, Vector
+from mission.vehicle.mavlink.pose_quality import noise_model
+from mission.vehicle.state.vehicle_state import VehicleState
 
 GIMBAL_YAW_BIAS_RAD = math.radians(5.0)
 """A gimbal's yaw against the aircraft's heading (DJI Onboard-SDK 844, Mobile-SDK-V5 225): constant over a flight."""

@@ -13,12 +13,12 @@ import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
 
-from mission.drones.vehicle import VEHICLE_MESSAGES, VehicleState, on_earth
 from mission.errors import LogError
 from mission.logs.pose_log import Attitudes, PoseLog
 from mission.logs.series import attitudes, enu_from_ned, median_or_none, pose_noise, positions, utc_at_zero
-from mission.pose import heading, world_from_body
+from mission.pose.buffer import heading, world_from_body
 from mission.records import Matrix
+from mission.vehicle.state.vehicle_state import VEHICLE_MESSAGES, VehicleState, on_earth
 
 _V1, _V2 = mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2
 _NAMES: Final = (*VEHICLE_MESSAGES, "SYSTEM_TIME", "GIMBAL_DEVICE_ATTITUDE_STATUS")

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mission.aim import PRESUMED_HEIGHT_M
 from mission.camera.camera import Camera
 from mission.camera.model import CameraModel
-from mission.pose import PoseAt
+from mission.pose.buffer import PoseAt
+from mission.procedure.aim import PRESUMED_HEIGHT_M
 from mission.records import Detection, Vector
 from mission.sighting import camera_position, world_from_camera
 

@@ -6,18 +6,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import cast
 
+from mission.bundle import BundleSolution
 from mission.camera.camera import Camera
 from mission.detect import Detector
-from mission.drones.drone import Drone
 from mission.errors import DetectionError
 from mission.estimate import ESTIMATORS
-from mission.estimate.noise_fit import supported
-from mission.flight_record import PICTURES, FlightRecord
+from mission.estimate.noise_fit import with_fitted_noise
 from mission.observation.file_video import Picture
-from mission.pointing import Pointing, TargetTracker
-from mission.pose import Pose, PoseAt
+from mission.pose.buffer import Pose, PoseAt
+from mission.procedure.flight_record import PICTURES, FlightRecord
+from mission.procedure.pointing import Pointing, TargetTracker
 from mission.records import Detection, Estimate, FlightSightings, Frame, GeodeticOrigin, NoiseModel, TargetPrior
-from mission.steady import Steadied
+from mission.vehicle.drone import Drone
 
 _START_TRIES_S = 3.0
 """How long it is tried to begin following somebody whom the detector saw."""
@@ -125,7 +125,7 @@ def sightings(
     offset_s: float,
     noise: NoiseModel,
     prior: TargetPrior,
-) -> tuple[FlightSightings, Steadied]:
+) -> tuple[FlightSightings, BundleSolution]:
     """The sightings with the poses steadied by the background, where it allows that, and the noise that they support.
 
     Args:
@@ -138,10 +138,10 @@ def sightings(
     """
     steadied = seen.record.steadied(pose_at, offset_s, noise)
     stated = seen.record.sightings(origin, pose_at, offset_s, noise, prior, steadied)
-    return supported(stated, steadied=steadied.reason is None), steadied
+    return with_fitted_noise(stated, steadied=steadied.reason is None), steadied
 
 
-def estimate(flight: FlightSightings, steadied: Steadied, notes: tuple[str, ...] = ()) -> Estimate:
+def estimate(flight: FlightSightings, steadied: BundleSolution, notes: tuple[str, ...] = ()) -> Estimate:
     """Where the person was.
 
     Raises:

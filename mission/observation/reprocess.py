@@ -14,7 +14,6 @@ from mission.camera.mounting import Mounting
 from mission.detect import Detector, NanoDetDetector, make_detector
 from mission.detect.nanodet import NanoDet
 from mission.errors import CalibrationError, DetectionError, EstimateRefused, VideoError
-from mission.flight_offset import offset_uncertain
 from mission.logs.pose_log import PoseLog
 from mission.observation.candidates import Candidate, candidates
 from mission.observation.file_video import FileVideo
@@ -23,9 +22,10 @@ from mission.observation.self_calibration import FoundLens, find_focal_length, w
 from mission.observation.survey import Survey, survey
 from mission.observation.time_search import FoundTime, find_time
 from mission.observation.worth import Part, best_part
-from mission.pose import PoseAt
+from mission.pose.buffer import PoseAt
 from mission.records import Estimate, FlightSightings, Matrix, NoiseModel, TargetPrior, Vector
 from mission.sighting import camera_position, world_from_camera
+from mission.timing.flight_offset import offset_uncertain
 from mission.track import Tracker
 
 _GUESSED_HFOV_RAD = math.radians(70.0)

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mission.camera.background import BackgroundRotation, Turn, rotation_between
 from mission.camera.camera import Camera
 from mission.camera.model import CameraModel
 from mission.observation.file_video import Picture
-from mission.pose import Pose
+from mission.pose.buffer import Pose
 from mission.records import Vector
+from mission.timing.background_rotation import BackgroundRotation, Turn, rotation_between
 
 INTERVAL_S = 0.08
 """Between pictures that are compared, at least: slower turns are measured better over longer, quick ones are lost."""

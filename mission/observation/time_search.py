@@ -1,7 +1,7 @@
 """Where in a log a video belongs: the picture's rotation against the log's, over the whole flight, then to 10 ms.
 
 First both rates of turn (three axes, 10 Hz) are correlated at every shift, normalised by what overlaps. Then the curves
-around the best shift are matched as `mission.camera.time_offset` does it in flight, in the parts of the video that turn
+around the best shift are matched as `mission.timing.time_offset` does it in flight, in the parts of the video that turn
 most.
 """
 
@@ -16,11 +16,11 @@ from scipy.signal import fftconvolve
 from scipy.spatial.transform import Rotation, Slerp
 
 from mission.camera.camera import Camera
-from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
 from mission.errors import LogError
 from mission.logs.pose_log import Attitudes, PoseLog, usual_gap_s
 from mission.observation.rotation_curve import TimedTurn
 from mission.records import Matrix, Vector
+from mission.timing.time_offset import TimeOffset, TimeOffsetMeter
 
 STEP_S = 0.1
 _LEAST_OVERLAP_S = 3.0

@@ -58,7 +58,7 @@ def likeness(a: Histogram, b: Histogram) -> float:
     Parts that either does not know do not count; 0 where they know none in common.
 
     In rendered flights the same person stays above 0.7 whatever the side they show, and 95 % of other people are below
-    0.45 (`sitl.track_accuracy`'s flights).
+    0.45 (`sitl.evaluation.tracking`'s flights).
     """
     both = a.any(axis=1) & b.any(axis=1)
     return float(np.sqrt(a[both] * b[both]).sum(axis=1).min()) if both.any() else 0.0

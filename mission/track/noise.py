@@ -26,10 +26,10 @@ the guess (3 % of the height wrong) stays wrong for as long as it lasts, many ti
 _FILTER_SIGMA = 0.02
 """What the filter says of a place that is measured all the time, body heights."""
 
-# Measured on about 100 rendered flights (`python -m sitl.track_accuracy`): people of 1.6 to 1.9 m, any clothes, light,
-# 2.75 to 15 m away, standing or walking 8 ways. What counts is the error left when the flight's mean is taken away: the
-# same point of the body, wherever it is, in all frames. Sideways it is 0.7 times what is reported, upright 1.2
-# times (1.3 to 1.5 on flights with fresh seeds).
+# Measured on about 100 rendered flights (`python -m sitl.evaluation.tracking`): people of 1.6 to 1.9 m, any clothes,
+# light, 2.75 to 15 m away, standing or walking 8 ways. What counts is the error left when the flight's mean is taken
+# away: the same point of the body, wherever it is, in all frames. Sideways it is 0.7 times what is reported, upright
+# 1.2 times (1.3 to 1.5 on flights with fresh seeds).
 
 
 def pixel_sigma_px(height_px: float, filter_sigma_px: float, cut_off: bool) -> float:

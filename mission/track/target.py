@@ -8,7 +8,7 @@ import numpy as np
 
 from mission.records import Vector
 from mission.track.crowd import Crowd
-from mission.track.measure import Extent, away
+from mission.track.detections import BodyDetection, innovation_length
 from mission.track.motion import Motion
 from mission.track.template import Template
 from mission.track.track import TrackState
@@ -47,9 +47,9 @@ class Target:
     look_s: float
     """When everybody was last looked at."""
     state: TrackState = "tracking"
-    box: Extent | None = None
+    box: BodyDetection | None = None
     """The target in the last look at everybody."""
-    near: tuple[Extent, ...] = ()
+    near: tuple[BodyDetection, ...] = ()
     """The others in that look."""
     sure: int = 0
     """In how many looks running somebody was surely the target."""
@@ -60,7 +60,7 @@ class Target:
     cut_off: bool = False
     """Part of the body is out of the picture, so its height cannot be measured."""
 
-    def foretell(self, t_s: float, shift_px: tuple[float, float], passed: tuple[float, float]) -> float:
+    def predict(self, t_s: float, shift_px: tuple[float, float], passed: tuple[float, float]) -> float:
         """To the time of the next frame (`Motion.predict`); the time since the last one, seconds."""
         dt_s = max(t_s - self.t_s, 1e-3)
         self.t_s = t_s
@@ -68,7 +68,7 @@ class Target:
         self.crowd.predict(dt_s, shift_px, passed)
         return dt_s
 
-    def may_be(self, body: Extent, roll_rad: float) -> bool:
+    def may_be(self, body: BodyDetection, roll_rad: float) -> bool:
         """Whether this may be the target, who was seen a moment ago, by place and height.
 
         Args:
@@ -77,14 +77,14 @@ class Target:
         """
         return self._fits(body, roll_rad, NEAR, _SAME_HEIGHT + self.motion.size_sigma)
 
-    def _fits(self, body: Extent, roll_rad: float, within: float, room: float) -> bool:
+    def _fits(self, body: BodyDetection, roll_rad: float, within: float, room: float) -> bool:
         height = self.motion.height_px
         smallest = room if body.whole else _HALF_HEIGHT
         if not -smallest < np.log(body.height_px / height) < room:
             return False
-        return away(body, self.motion.pixel, height, roll_rad) < within * height
+        return innovation_length(body, self.motion.pixel, height, roll_rad) < within * height
 
-    def stretched(self, body: Extent, roll_rad: float) -> bool:
+    def stretched(self, body: BodyDetection, roll_rad: float) -> bool:
         """Whether a box of the whole body holds its shadow too (see `_STRETCHED`)."""
         height = self.motion.height_px
         half = 0.5 * height * np.cos(roll_rad)
@@ -97,7 +97,7 @@ class Target:
         return bool(wrong and self.t_s - self.whole_s < _STRETCHED_S)
 
 
-def beside(body: Extent, expected: Vector, height_px: float) -> bool:
+def beside(body: BodyDetection, expected: Vector, height_px: float) -> bool:
     """Whether this is somebody else whom HOG might mean."""
     aside = abs(body.centre[0] - expected[0]) / height_px
     return body.score > 0.5 and 0.15 < aside < 0.6 and bool(abs(np.log(body.height_px / height_px)) < 0.5)

@@ -23,13 +23,13 @@ from mission.records import Box, Frame, Image, Vector
 from mission.track import noise
 from mission.track.appearance import Histogram, colours
 from mission.track.crowd import Body, Crowd, Told
-from mission.track.measure import Extent, Eyes, away
+from mission.track.detections import BodyDetection, WindowDetectors, innovation_length
+from mission.track.initiation import initial_detection
 from mission.track.motion import Motion
 from mission.track.target import NEAR, Target, beside
 from mission.track.template import Template
 from mission.track.track import Track, TrackState
 from mission.track.walk import Seen, Walk
-from mission.track.whole_body import whole_body
 
 COASTING_S = 3.5
 """How long a hidden person is waited for: a walker needs that to pass behind a car or the corner of a house."""
@@ -63,7 +63,7 @@ class Tracker:
     """
 
     def __init__(self, network: NanoDet | None = None) -> None:
-        self._eyes = Eyes(network or NanoDet())
+        self._eyes = WindowDetectors(network or NanoDet())
         self._target: Target | None = None
         self._frames = 0
 
@@ -127,7 +127,7 @@ class Tracker:
         if target.state == "lost":
             return self._track(frame, target, 0.0)
         self._frames += 1
-        dt_s = target.foretell(frame.t_s, shift_px, passed)
+        dt_s = target.predict(frame.t_s, shift_px, passed)
         if target.state == "coasting" or frame.t_s - target.look_s >= _LOOK_S:
             self._look(frame, target, roll_rad)
         if target.state == "tracking" and not self._measure(frame, target, roll_rad, dt_s):
@@ -141,12 +141,12 @@ class Tracker:
         target.seen_s = frame.t_s
         return self._track(frame, target, target.alike)
 
-    def _whole(self, frame: Frame, box: Box, roll_rad: float) -> Extent:
-        body = whole_body(self._eyes, frame.image, box, roll_rad)
+    def _whole(self, frame: Frame, box: Box, roll_rad: float) -> BodyDetection:
+        body = initial_detection(self._eyes, frame.image, box, roll_rad)
         _, bodies = self._eyes.bodies(frame.image, body.centre, body.height_px, roll_rad)  # now at the right scale
         return min(bodies, key=lambda b: float(np.hypot(*np.subtract(b.centre, body.centre))), default=body)
 
-    def _begin(self, frame: Frame, body: Extent, roll: float) -> Target:
+    def _begin(self, frame: Frame, body: BodyDetection, roll: float) -> Target:
         height, centre = body.height_px, body.centre
         window = _upright(frame.image, centre, height, roll)
         hog = self._eyes.centre(window, NEAR)
@@ -207,7 +207,7 @@ class Tracker:
     def _measure(self, frame: Frame, target: Target, roll: float, dt_s: float) -> bool:
         """Where the target is, finely; False where nothing sees it."""
         told = target.box if target.look_s == frame.t_s else None
-        if told is not None and away(told, target.motion.pixel, target.motion.height_px, roll) > (
+        if told is not None and innovation_length(told, target.motion.pixel, target.motion.height_px, roll) > (
             _ASTRAY * target.motion.height_px
         ):
             self._resume_at(target, told, roll)
@@ -234,7 +234,7 @@ class Tracker:
                 target.template = Template.cut(window.image, body, _BODY, frame.t_s)
         return True
 
-    def _resume_at(self, target: Target, body: Extent, roll: float) -> None:
+    def _resume_at(self, target: Target, body: BodyDetection, roll: float) -> None:
         """The fine measurement has strayed from the box that was told."""
         size = body.height_px if body.whole else target.motion.height_px
         place = body.middle(size, roll) or body.centre
@@ -254,7 +254,7 @@ class Tracker:
         """NanoDet: how high and how tall the body is, and who else is near."""
         height, expected = target.motion.height_px, target.motion.pixel
         _, bodies = self._eyes.bodies(frame.image, _pair(expected), height, roll)
-        bodies.sort(key=lambda b: away(b, expected, height, roll))
+        bodies.sort(key=lambda b: innovation_length(b, expected, height, roll))
         body = next((b for b in bodies if target.may_be(b, roll)), None)
         target.crowded = any(beside(b, expected, height) for b in [*bodies, *target.near] if b is not body)
         if body is None:
@@ -263,7 +263,7 @@ class Tracker:
             body = self._eyes.entire(frame.image, body, roll)
         return self._use(frame, target, body, roll)
 
-    def _use(self, frame: Frame, target: Target, body: Extent, roll: float) -> bool:
+    def _use(self, frame: Frame, target: Target, body: BodyDetection, roll: float) -> bool:
         """Take in how high and how tall a body is."""
         height = target.motion.height_px
         stretched = body.whole and target.stretched(body, roll)
@@ -319,7 +319,7 @@ class Tracker:
         )
 
 
-def _body(window: Window, one: Extent, height: float, roll: float) -> Body:
+def _body(window: Window, one: BodyDetection, height: float, roll: float) -> Body:
     """For the association: middle, height and colours."""
     tall = one.tall(height)
     middle = one.middle(tall, roll) or one.centre
@@ -339,7 +339,7 @@ def _in_view(window: Window, walk: Walk) -> bool:
     return inside and window.shows(x - margin, y) and window.shows(x + margin, y)
 
 
-def _looks(image: Image, body: Extent, height: float, roll: float) -> Histogram:
+def _looks(image: Image, body: BodyDetection, height: float, roll: float) -> Histogram:
     window = _upright(image, body.middle(height, roll) or body.centre, height, roll)
     return colours(window, _MIDDLE, _BODY)
 

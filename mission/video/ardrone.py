@@ -21,10 +21,10 @@ from av.packet import Packet
 from av.video.codeccontext import VideoCodecContext
 from av.video.frame import VideoFrame
 
-from mission.drones.ardrone.pave import H264, FrameType, PaveFrame, PaveSplitter
-from mission.drones.ardrone.url import ardrone_address
 from mission.errors import VideoError
 from mission.records import Frame, Image
+from mission.vehicle.ardrone.pave import H264, FrameType, PaveFrame, PaveSplitter
+from mission.vehicle.ardrone.url import ardrone_address
 from mission.video.stats import VideoState, VideoStats
 from mission.video.timeline import LiveTimeline
 
@@ -105,7 +105,7 @@ def open_ardrone_video(
     """Connect and wait for the first picture.
 
     Args:
-        url: ``ardrone://HOST?...``, see `mission.drones.ardrone.url`; ``size=`` scales the pictures.
+        url: ``ardrone://HOST?...``, see `mission.vehicle.ardrone.url`; ``size=`` scales the pictures.
         latency_s: from the middle of the exposure to the arrival, subtracted from the frames' times.
         clock: the program's clock, seconds.
         open_timeout_s: how long to wait for the first picture.

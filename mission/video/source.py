@@ -17,9 +17,9 @@ from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from mission.addresses import shown_address
-from mission.drones.ardrone.url import is_ardrone
 from mission.errors import VideoError
 from mission.records import Frame, Image
+from mission.vehicle.ardrone.url import is_ardrone
 from mission.video.ardrone import open_ardrone_video
 from mission.video.ffmpeg import Input, explain, is_live, missing_file, open_input
 from mission.video.stats import VideoState, VideoStats

@@ -1,6 +1,6 @@
 """A simulated Parrot AR.Drone 2.0: AT commands, navdata, configuration, video, and an aircraft that drifts.
 
-Written from the public description of the protocol, independently of `mission.drones.ardrone`, which flies it.
+Written from the public description of the protocol, independently of `mission.vehicle.ardrone`, which flies it.
 """
 
 from sitl.ardrone.config import ArdroneConfig, config_of

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from mission.errors import SidestepError
-from sitl.aircraft_server import run_program
+from sitl.aircraft.server import run_program
+from sitl.aircraft.truth import TruthRing
 from sitl.ardrone.camera import VideoPort, start_camera
 from sitl.ardrone.config import HEADER_SIZES, ArdroneConfig, config_of
 from sitl.ardrone.server import ArdroneServer
-from sitl.scenario import Scenario, read_scenario
-from sitl.truth import TruthRing
+from sitl.scenario.schema import Scenario, read_scenario
 
 _TRUTH_SPAN_S = 60.0
 _TRUTH_RATE_HZ = 250.0

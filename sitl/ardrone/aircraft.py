@@ -12,11 +12,11 @@ from collections import deque
 import numpy as np
 
 from mission.records import Vector
+from sitl.aircraft.truth import VehicleTruth
 from sitl.ardrone.sensors import SensorErrors, SensorNoise, Sensors
 from sitl.autopilot.airframe import GRAVITY_M_S2, Airframe, Wind
 from sitl.autopilot.flight_controller import Demand, EstimatedState, FlightController, Gains
 from sitl.autopilot.rotation import FLU_FROM_FRD, NED_FROM_ENU, Vec, from_euler, multiply, to_euler
-from sitl.truth import VehicleTruth
 
 DRAG_TIME_S = 1.25
 """Time in which drag takes 63 % of the speed. With `COMMAND_DELAY_S`, what makes full speed left at the standard

@@ -11,11 +11,11 @@ from multiprocessing.connection import Connection
 
 from mission.errors import VideoError
 from mission.records import Image
+from sitl.aircraft.truth import TruthRing
 from sitl.ardrone.configuration import Configuration, picture_height
 from sitl.ardrone.video import VideoFormat, VideoServer
 from sitl.camera.process import CAMERA_MARK, CameraProcess, spawn_camera
-from sitl.scenario import Scenario
-from sitl.truth import TruthRing
+from sitl.scenario.schema import Scenario
 
 _FIXED_BITRATE = 2
 """`video:bitrate_ctrl_mode`: `video:bitrate` holds; in the other modes `video:max_bitrate` is the limit."""

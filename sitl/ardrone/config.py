@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field
 from mission.records import GeodeticOrigin
 from sitl.ardrone.sensors import SensorNoiseName
 from sitl.autopilot.airframe import Wind
-from sitl.scenario import Scenario
+from sitl.scenario.schema import Scenario
 
 HEADER_SIZES = (64, 68, 76)
 """Lengths of the PaVE header that have been seen on aircraft."""

@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from sitl.aircraft.truth import VehicleTruth
 from sitl.ardrone import navdata
 from sitl.ardrone.aircraft import Aircraft
 from sitl.ardrone.at import (
@@ -34,7 +35,6 @@ from sitl.ardrone.link import PilotLink
 from sitl.ardrone.sensors import PRESETS
 from sitl.ardrone.state import StateBit
 from sitl.autopilot.local_frame import LocalFrame
-from sitl.truth import VehicleTruth
 
 TICK_S = 0.005
 FULL_PERIOD_S = 0.005

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import subprocess
 
-from sitl.aircraft_process import AircraftProcess, start_program
+from sitl.aircraft.process import AircraftProcess, start_program
 from sitl.ardrone.config import ArdroneConfig
 from sitl.ardrone.server import Ports
 from sitl.camera.process import CameraStats, Fault
-from sitl.scenario import Scenario
+from sitl.scenario.schema import Scenario
 
 _NAME = "the simulated AR.Drone"
 _START_S = 90.0

@@ -8,12 +8,12 @@ import socket
 import time
 from dataclasses import asdict, dataclass
 
-from sitl.aircraft_server import AircraftServer, datagrams, udp_socket
+from sitl.aircraft.server import AircraftServer, datagrams, udp_socket
+from sitl.aircraft.truth import TruthRing
 from sitl.ardrone.camera import ArdroneCamera
 from sitl.ardrone.config import ArdroneConfig
 from sitl.ardrone.drone import TICK_S, Ardrone
 from sitl.ardrone.link import LOST_S
-from sitl.truth import TruthRing
 
 _log = logging.getLogger(__name__)
 _CONTROL_CLIENTS = 4

@@ -8,11 +8,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 
-from sitl.aircraft_server import run_program
+from sitl.aircraft.server import run_program
+from sitl.aircraft.truth import TruthRing
 from sitl.autopilot.config import AutopilotConfig
 from sitl.autopilot.estimate_errors import NOISE_NAMES
 from sitl.autopilot.server import AutopilotServer
-from sitl.truth import TruthRing
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

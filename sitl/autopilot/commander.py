@@ -36,7 +36,7 @@ class Landed(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Setpoint:
+class CommandedSetpoint:
     """What a companion asked for, and when."""
 
     demand: Demand
@@ -56,7 +56,7 @@ class Commander:
         self.taking_off = False
         self.takeoff_height: float | None = None
         """ENU up of the target while and after taking off."""
-        self.setpoint: Setpoint | None = None
+        self.setpoint: CommandedSetpoint | None = None
         self.roi: Vec | None = None
         """ENU; where the nose shall point."""
         self.home: Vec = (0.0, 0.0, 0.0)
@@ -154,7 +154,7 @@ class Commander:
 
     def set_setpoint(self, demand: Demand, now: float) -> None:
         """A setpoint came; it is followed in OFFBOARD only, where it also ends a take-off."""
-        self.setpoint = Setpoint(demand, now)
+        self.setpoint = CommandedSetpoint(demand, now)
         if self.mode is Mode.OFFBOARD and not self.landed:
             self.taking_off = False
             if self.flavour.name == "ardupilot" and (demand.yaw is not None or demand.yaw_rate is not None):

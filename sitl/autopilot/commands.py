@@ -24,7 +24,7 @@ _RELATIVE = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_REL
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class CommandOrder:
     """A command with its seven parameters; latitude and longitude in degrees."""
 
     command: int
@@ -38,18 +38,18 @@ class Order:
     """System and component of who gives it."""
 
 
-def from_message(message: Any) -> Order:
+def from_message(message: Any) -> CommandOrder:
     """The order in a COMMAND_LONG (altitudes above mean sea level, frame 0) or a COMMAND_INT."""
     params = (message.param1, message.param2, message.param3, message.param4)
     source = (message.get_srcSystem(), message.get_srcComponent())
     if message.get_type() == "COMMAND_INT":
         unset = message.x == 0x7FFFFFFF
         lat, lon = (math.nan, math.nan) if unset else (message.x / 1e7, message.y / 1e7)
-        return Order(message.command, params, lat, lon, message.z, message.frame in _RELATIVE, source)
-    return Order(message.command, params, message.param5, message.param6, message.param7, False, source)
+        return CommandOrder(message.command, params, lat, lon, message.z, message.frame in _RELATIVE, source)
+    return CommandOrder(message.command, params, message.param5, message.param6, message.param7, False, source)
 
 
-def execute(a: FlightStack, link: Link, order: Order) -> int:
+def execute(a: FlightStack, link: Link, order: CommandOrder) -> int:
     """Do it; the MAV_RESULT."""
     action = _ACTIONS.get(order.command)
     return UNSUPPORTED if action is None else action(a, link, order)
@@ -59,7 +59,7 @@ def _refusal(a: FlightStack) -> int:
     return FAILED if a.flavour.name == "ardupilot" else DENIED
 
 
-def _position(a: FlightStack, order: Order, above_home: bool) -> Vec | None:
+def _position(a: FlightStack, order: CommandOrder, above_home: bool) -> Vec | None:
     """ENU of an order's place, None if it has none."""
     if not all(map(math.isfinite, (order.lat_deg, order.lon_deg))) or abs(order.lat_deg) > 90.0:
         return None
@@ -72,14 +72,14 @@ def _position(a: FlightStack, order: Order, above_home: bool) -> Vec | None:
     return east, north, up
 
 
-def _arm(a: FlightStack, _link: Link, order: Order) -> int:
+def _arm(a: FlightStack, _link: Link, order: CommandOrder) -> int:
     force = order.params[1] == _FORCE
     if order.params[0] == 1.0:
         return a.commander.arm(a.now, a.vehicle.estimate, force)
     return a.commander.disarm(force) if order.params[0] == 0.0 else _refusal(a)
 
 
-def _take_off(a: FlightStack, _link: Link, order: Order) -> int:
+def _take_off(a: FlightStack, _link: Link, order: CommandOrder) -> int:
     """NAV_TAKEOFF: the altitude is above home on ArduPilot, above mean sea level on PX4."""
     if a.flavour.name == "ardupilot":
         sane = math.isfinite(order.alt_m) and 0.0 < order.alt_m < 1000.0
@@ -95,14 +95,14 @@ def _take_off(a: FlightStack, _link: Link, order: Order) -> int:
     return a.commander.take_off(height)
 
 
-def _mode_command(mode: Mode) -> Callable[[FlightStack, Link, Order], int]:
-    def change(a: FlightStack, _link: Link, _order: Order) -> int:
+def _mode_command(mode: Mode) -> Callable[[FlightStack, Link, CommandOrder], int]:
+    def change(a: FlightStack, _link: Link, _order: CommandOrder) -> int:
         return a.commander.request_mode(mode, a.now)
 
     return change
 
 
-def _set_mode(a: FlightStack, _link: Link, order: Order) -> int:
+def _set_mode(a: FlightStack, _link: Link, order: CommandOrder) -> int:
     """DO_SET_MODE: param1 = 1 (custom); param2 is the number, on PX4 the main mode with the sub mode in param3."""
     main, sub = order.params[1], order.params[2]
     if not int(_number(order.params[0])) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED or not math.isfinite(main):
@@ -114,7 +114,7 @@ def _set_mode(a: FlightStack, _link: Link, order: Order) -> int:
     return _refusal(a) if mode is None else a.commander.request_mode(mode, a.now)
 
 
-def _reposition(a: FlightStack, _link: Link, order: Order) -> int:
+def _reposition(a: FlightStack, _link: Link, order: CommandOrder) -> int:
     """DO_REPOSITION: an operator's "fly here". PX4 goes to Hold, ArduPilot does it in GUIDED (or changes if asked)."""
     c = a.commander
     place = _position(a, order, order.relative)
@@ -136,7 +136,7 @@ def _reposition(a: FlightStack, _link: Link, order: Order) -> int:
     return result
 
 
-def _roi(a: FlightStack, _link: Link, order: Order) -> int:
+def _roi(a: FlightStack, _link: Link, order: CommandOrder) -> int:
     place = _position(a, order, order.relative)
     if place is None:
         return _refusal(a)
@@ -144,22 +144,22 @@ def _roi(a: FlightStack, _link: Link, order: Order) -> int:
     return ACCEPTED
 
 
-def _roi_none(a: FlightStack, _link: Link, _order: Order) -> int:
+def _roi_none(a: FlightStack, _link: Link, _order: CommandOrder) -> int:
     a.commander.roi = None
     return ACCEPTED
 
 
-def _gimbal_configure(a: FlightStack, _link: Link, order: Order) -> int:
+def _gimbal_configure(a: FlightStack, _link: Link, order: CommandOrder) -> int:
     return UNSUPPORTED if a.gimbal is None else a.gimbal.configure(order.source, order.params)
 
 
-def _gimbal_pitch_yaw(a: FlightStack, _link: Link, order: Order) -> int:
+def _gimbal_pitch_yaw(a: FlightStack, _link: Link, order: CommandOrder) -> int:
     """DO_GIMBAL_MANAGER_PITCHYAW: param5, where other commands have a latitude, holds the flags."""
     flags = int(_number(order.lat_deg))
     return UNSUPPORTED if a.gimbal is None else a.gimbal.pitch_yaw(order.source, order.params, flags)
 
 
-def _set_interval(a: FlightStack, link: Link, order: Order) -> int:
+def _set_interval(a: FlightStack, link: Link, order: CommandOrder) -> int:
     """SET_MESSAGE_INTERVAL: microseconds; 0 the default rate, -1 off; for the link on which it came."""
     wanted, microseconds = _number(order.params[0]), _number(order.params[1])
     message_id = int(wanted)
@@ -179,7 +179,7 @@ def _set_interval(a: FlightStack, link: Link, order: Order) -> int:
     return ACCEPTED
 
 
-def _get_interval(a: FlightStack, link: Link, order: Order) -> int:
+def _get_interval(a: FlightStack, link: Link, order: CommandOrder) -> int:
     message_id = int(_number(order.params[0]))
     if not sends(a, message_id):
         link.send(mavlink.MAVLink_message_interval_message(message_id & 0xFFFF, 0))
@@ -190,8 +190,8 @@ def _get_interval(a: FlightStack, link: Link, order: Order) -> int:
     return ACCEPTED
 
 
-def _send_message(message_id: int | None = None) -> Callable[[FlightStack, Link, Order], int]:
-    def send(a: FlightStack, link: Link, order: Order) -> int:
+def _send_message(message_id: int | None = None) -> Callable[[FlightStack, Link, CommandOrder], int]:
+    def send(a: FlightStack, link: Link, order: CommandOrder) -> int:
         message = build(a, int(_number(order.params[0])) if message_id is None else message_id)
         if message is None:
             return _refusal(a)
@@ -201,7 +201,7 @@ def _send_message(message_id: int | None = None) -> Callable[[FlightStack, Link,
     return send
 
 
-def _start_mission(a: FlightStack, _link: Link, order: Order) -> int:
+def _start_mission(a: FlightStack, _link: Link, order: CommandOrder) -> int:
     if a.flavour.name == "ardupilot" and not a.commander.armed:
         return FAILED
     first = _number(order.params[0])
@@ -209,17 +209,17 @@ def _start_mission(a: FlightStack, _link: Link, order: Order) -> int:
     return a.commander.request_mode(Mode.MISSION, a.now)
 
 
-def _mission_item(a: FlightStack, _link: Link, order: Order) -> int:
+def _mission_item(a: FlightStack, _link: Link, order: CommandOrder) -> int:
     return ACCEPTED if a.plan.select(int(_number(order.params[0]))) else _refusal(a)
 
 
-def _pause(a: FlightStack, _link: Link, order: Order) -> int:
+def _pause(a: FlightStack, _link: Link, order: CommandOrder) -> int:
     if order.params[0] == 0.0:
         return a.commander.request_mode(Mode.HOLD, a.now)
     return a.commander.request_mode(Mode.MISSION, a.now)
 
 
-def _turn(a: FlightStack, _link: Link, order: Order) -> int:
+def _turn(a: FlightStack, _link: Link, order: CommandOrder) -> int:
     """CONDITION_YAW: ArduPilot in GUIDED only."""
     if a.flavour.name == "px4":
         return UNSUPPORTED
@@ -232,7 +232,7 @@ def _turn(a: FlightStack, _link: Link, order: Order) -> int:
     return ACCEPTED
 
 
-def _set_home(a: FlightStack, _link: Link, order: Order) -> int:
+def _set_home(a: FlightStack, _link: Link, order: CommandOrder) -> int:
     place = a.vehicle.estimate.position if order.params[0] == 1.0 else _position(a, order, order.relative)
     if place is None:
         return _refusal(a)
@@ -240,7 +240,7 @@ def _set_home(a: FlightStack, _link: Link, order: Order) -> int:
     return ACCEPTED
 
 
-def _accept(_a: FlightStack, _link: Link, _order: Order) -> int:
+def _accept(_a: FlightStack, _link: Link, _order: CommandOrder) -> int:
     return ACCEPTED
 
 
@@ -249,7 +249,7 @@ def _number(value: float) -> float:
     return value if math.isfinite(value) else 0.0
 
 
-_ACTIONS: Mapping[int, Callable[[FlightStack, Link, Order], int]] = {
+_ACTIONS: Mapping[int, Callable[[FlightStack, Link, CommandOrder], int]] = {
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: _arm,
     mavlink.MAV_CMD_NAV_TAKEOFF: _take_off,
     mavlink.MAV_CMD_NAV_LAND: _mode_command(Mode.LAND),

@@ -15,8 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from sitl.autopilot.rotation import Vec
-from sitl.gauss_markov import STILL, GaussMarkov, Wander
-from sitl.wide_family import (
+from sitl.autopilot.wide_family import (
     CLAIM_RANGE,
     COMPASS_OFF_RAD,
     LEVEL_RANGE,
@@ -25,6 +24,7 @@ from sitl.wide_family import (
     drawn_steps,
     factor,
 )
+from sitl.gauss_markov import STILL, GaussMarkov, Wander
 
 NoiseName = Literal["good", "rough", "none", "wide"]
 

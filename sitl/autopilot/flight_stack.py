@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
+from sitl.aircraft.truth import VehicleTruth
 from sitl.autopilot.commander import Commander
 from sitl.autopilot.config import AutopilotConfig
 from sitl.autopilot.flavour import FLAVOURS
@@ -21,7 +22,6 @@ from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.plan import Plan, PlanItem
 from sitl.autopilot.rotation import Vec
 from sitl.autopilot.vehicle import Vehicle
-from sitl.truth import VehicleTruth
 
 TICK_S = 0.005
 """One step of the simulation."""

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from sitl.scenario_table import Degrees, Table
+from sitl.scenario.table import Degrees, Table
 
 Tells = Literal["nose", "north", "nose-delta", "older"]
 """What its yaw is from, and how it says so: flag 32, flag 64, flag 32 with delta_yaw, or no flag at all."""

@@ -8,7 +8,7 @@ import subprocess
 from dataclasses import replace
 
 from mission.errors import LinkError
-from sitl.aircraft_process import AircraftProcess, start_program
+from sitl.aircraft.process import AircraftProcess, start_program
 from sitl.autopilot.config import AutopilotConfig
 from sitl.autopilot.flavour import Mode
 

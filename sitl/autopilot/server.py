@@ -10,14 +10,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sitl.aircraft_server import AircraftServer, datagrams, udp_socket
+from sitl.aircraft.server import AircraftServer, datagrams, udp_socket
+from sitl.aircraft.truth import TruthRing
 from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.config import AutopilotConfig
 from sitl.autopilot.flavour import Mode
 from sitl.autopilot.flight_stack import TICK_S
 from sitl.autopilot.link import Link
 from sitl.autopilot.plan import MISSION
-from sitl.truth import TruthRing
 
 _log = logging.getLogger(__name__)
 _HOST = "127.0.0.1"

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mission.records import Vector
+from sitl.aircraft.truth import VehicleTruth
 from sitl.autopilot.airframe import GRAVITY_M_S2, Airframe
 from sitl.autopilot.config import AutopilotConfig
 from sitl.autopilot.estimate_errors import EstimateErrors, StateError
@@ -15,7 +16,6 @@ from sitl.autopilot.flavour import Flavour
 from sitl.autopilot.flight_controller import Demand, EstimatedState, FlightController
 from sitl.autopilot.rotation import FLU_FROM_FRD, NED_FROM_ENU, Quat, Vec, from_euler, multiply, to_euler
 from sitl.gauss_markov import GaussMarkov
-from sitl.truth import VehicleTruth
 
 _FULL_PUSH_RAD_S = 0.15
 """Turning at this or faster, PX4 strays as far from its hover as it does."""

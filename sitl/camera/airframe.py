@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from mission.records import Vector
+from sitl.aircraft.truth import TruthRing, VehicleTruth
 from sitl.camera.renderer import CameraPose, matrix_from_wxyz
-from sitl.scenario import Scenario
-from sitl.truth import TruthRing, VehicleTruth
+from sitl.scenario.schema import Scenario
 
 MOVES_FASTER_THAN_M_S = 0.5
 MOVES_HIGHER_THAN_M = 0.8

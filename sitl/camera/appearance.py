@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.records import Vector
-from sitl.body import Body
 from sitl.camera import textures
 from sitl.camera.mesh import shade
-from sitl.camera.rasterizer import Batch
-from sitl.scene import Clothes
+from sitl.camera.rasterizer import TriangleBatch
+from sitl.people.body import Body
+from sitl.scenario.scene import Clothes
 
 SKIN, SHIRT, TROUSERS, SHOES, HAIR = range(5)
 """Materials of the mesh's triangles."""
@@ -38,10 +38,12 @@ class Appearance:
         self._uv = np.stack([rest[:, 1] + 0.4 * rest[:, 0], rest[:, 2]], 1) / _CLOTH_REPEAT_M
         self._texture = textures.cloth(rng)
 
-    def batch(self) -> Batch:
+    def batch(self) -> TriangleBatch:
         """The triangles to draw; place and paint them before each picture."""
         count = len(self.source)
-        return Batch(np.zeros((count, 3)), self._drawn, self._uv, np.full((count, 4), 255, np.uint8), self._texture)
+        return TriangleBatch(
+            np.zeros((count, 3)), self._drawn, self._uv, np.full((count, 4), 255, np.uint8), self._texture
+        )
 
     def colours(self, surface: Vector) -> NDArray[np.uint8]:
         """(W, 4): the lit colours of the drawn vertices of a posed surface (V, 3), ENU."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from mission.records import Image, Vector
 from sitl.camera.mesh import Mesh
-from sitl.camera.rasterizer import Batch
-from sitl.scene import MarkerWall
+from sitl.camera.rasterizer import TriangleBatch
+from sitl.scenario.scene import MarkerWall
 
 _MARGIN_M = 0.02
 """How far the markers stand off the wall, so that neither shines through the other."""
@@ -23,7 +23,7 @@ _QUIET = 1.0 / 6.0
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-def marker_wall(wall: MarkerWall, sun: Vector) -> list[Batch]:
+def marker_wall(wall: MarkerWall, sun: Vector) -> list[TriangleBatch]:
     """The wall and its markers, 0, 1, 2, ... from left to right as the drone sees them.
 
     Args:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.records import Image, Vector
-from sitl.camera.rasterizer import Batch
-from sitl.scene import Light
+from sitl.camera.rasterizer import TriangleBatch
+from sitl.scenario.scene import Light
 
 Colour = tuple[float, float, float]
 """Red, green, blue, 0 to 1: multiplied with the texture."""
@@ -149,14 +149,14 @@ class Mesh:
         light = shade(unit.reshape(-1, 3), self._sun) * rng.uniform(0.8, 1.1, len(vertices))
         self.add(vertices, triangles, uv, np.clip(light, 0.0, 1.0)[:, None] * np.array(tint))
 
-    def batch(self, *, sky: bool = False) -> Batch | None:
+    def batch(self, *, sky: bool = False) -> TriangleBatch | None:
         """All that was added; None if nothing was."""
         if not self._vertices:
             return None
         colours = np.concatenate(self._colours)
         rgba = np.full((len(colours), 4), 255, np.uint8)
         rgba[:, :3] = np.clip(255.0 * colours, 0.0, 255.0)
-        return Batch(
+        return TriangleBatch(
             vertices=np.concatenate(self._vertices),
             triangles=np.concatenate(self._triangles),
             uv=np.concatenate(self._uv),

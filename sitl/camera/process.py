@@ -20,12 +20,12 @@ import cv2
 
 from mission.errors import VideoError
 from mission.records import Image
+from sitl.aircraft.truth import TruthRing, VehicleTruth
 from sitl.camera.airframe import TURN_S, CameraOnAirframe, flies_sideways, turns
-from sitl.camera.darkroom import Darkroom, PictureSender
+from sitl.camera.exposure_pipeline import ExposurePipeline, PictureSender
 from sitl.camera.renderer import Renderer
 from sitl.camera.stream import VideoSender
-from sitl.scenario import Scenario
-from sitl.truth import TruthRing, VehicleTruth
+from sitl.scenario.schema import Scenario
 
 WALK_MARK = 0
 """Mark of the truth at which people began to walk: when the drone flew sideways, or the camera's start."""
@@ -203,7 +203,7 @@ class CameraLoop:
         self._half_s = 0.5 * (scenario.camera.exposure_ms + scenario.camera.readout_ms) / 1000.0
         self._airframe = CameraOnAirframe(scenario, ring)
         self._renderer = Renderer(scenario)
-        self._darkroom = Darkroom(self._renderer, sender)
+        self._darkroom = ExposurePipeline(self._renderer, sender)
         self._frozen = False
         self._frames = self._dropped = 0
         # The first picture compiles and caches: before the clock starts.

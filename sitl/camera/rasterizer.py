@@ -43,7 +43,7 @@ FAR_M = 600.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Batch:
+class TriangleBatch:
     """Triangles that share a texture."""
 
     vertices: Vector
@@ -92,7 +92,7 @@ class Rasterizer:
         self._nodes: list[GeomNode] = []
         self._paths: list[NodePath] = []
 
-    def add(self, batch: Batch) -> int:
+    def add(self, batch: TriangleBatch) -> int:
         """Put a batch into the scene; answers its number for `place`."""
         node = _node(batch)
         path = self._root.attach_new_node(node)
@@ -165,7 +165,7 @@ def _open(width_px: int, height_px: int) -> tuple[GraphicsEngine, GraphicsOutput
     return engine, buffer, picture
 
 
-def _node(batch: Batch) -> GeomNode:
+def _node(batch: TriangleBatch) -> GeomNode:
     count = len(batch.vertices)
     data = GeomVertexData("batch", _format(), Geom.UH_dynamic)
     data.unclean_set_num_rows(count)

@@ -17,12 +17,12 @@ from mission.records import Image, Vector
 from sitl.camera.appearance import Appearance
 from sitl.camera.lens import Lens, distort
 from sitl.camera.mesh import sun_direction
-from sitl.camera.rasterizer import Batch, Rasterizer
+from sitl.camera.rasterizer import Rasterizer, TriangleBatch
 from sitl.camera.scenery import scenery
 from sitl.camera.sensor import Sensor
 from sitl.camera.shadows import Shadows
-from sitl.scenario import Scenario
-from sitl.world import World
+from sitl.people.world import World
+from sitl.scenario.schema import Scenario
 
 _NEAREST_M = 0.05
 _CULL_MARGIN = 0.06
@@ -64,7 +64,7 @@ def matrix_from_wxyz(quaternion: Sequence[float] | Vector) -> Vector:
 class Renderer:
     """Makes the pictures of a scenario's camera, wherever it is."""
 
-    def __init__(self, scenario: Scenario, *, extra: Sequence[Batch] = (), samples: int | None = None) -> None:
+    def __init__(self, scenario: Scenario, *, extra: Sequence[TriangleBatch] = (), samples: int | None = None) -> None:
         """Build the scene.
 
         Args:
@@ -102,7 +102,7 @@ class Renderer:
         self._shadows = Shadows(self.world.body, len(scenario.people), sun)
         self._sheet = self._add(self._shadows.batch())
 
-    def _add(self, batch: Batch) -> _Part:
+    def _add(self, batch: TriangleBatch) -> _Part:
         first = self._parts[-1].vertices.stop if self._parts else 0
         part = _Part(self._rasterizer.add(batch), batch, slice(first, first + len(batch.vertices)))
         self._parts.append(part)
@@ -212,7 +212,7 @@ class Renderer:
 class _Part:
     """A batch in the rasterizer, and where its vertices are among all of the scene's."""
 
-    def __init__(self, number: int, batch: Batch, vertices: slice) -> None:
+    def __init__(self, number: int, batch: TriangleBatch, vertices: slice) -> None:
         self.number, self.batch, self.vertices = number, batch, vertices
         low, high = batch.vertices.min(axis=0), batch.vertices.max(axis=0)
         self._middle, self._radius_m = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))

@@ -17,10 +17,10 @@ from mission.records import Image, Vector
 from sitl.camera import textures
 from sitl.camera.marker_wall import marker_wall
 from sitl.camera.mesh import Colour, Mesh, sun_direction
-from sitl.camera.rasterizer import Batch
-from sitl.scenario import Scenario
-from sitl.scene import Obstacle
-from sitl.walk import Walk
+from sitl.camera.rasterizer import TriangleBatch
+from sitl.people.walk import Walk
+from sitl.scenario.scene import Obstacle
+from sitl.scenario.schema import Scenario
 
 _CLEAR_OF_ACTION_M = 2.0
 _DRONE_ROOM_M = 6.0
@@ -32,7 +32,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 _WOOD: Colour = (0.42, 0.28, 0.16)
 
 
-def scenery(scenario: Scenario) -> list[Batch]:
+def scenery(scenario: Scenario) -> list[TriangleBatch]:
     """Everything in the scenario that does not move."""
     rng = np.random.default_rng([scenario.seed, 1])
     sun = sun_direction(scenario.light)
@@ -51,7 +51,7 @@ def scenery(scenario: Scenario) -> list[Batch]:
     return [_sky(rng), *(part for batch in batches for part in _sectors(batch))]
 
 
-def _sectors(batch: Batch) -> list[Batch]:
+def _sectors(batch: TriangleBatch) -> list[TriangleBatch]:
     """Cut a batch by the direction from the origin, so that what the camera cannot see costs nothing."""
     middles = batch.vertices[batch.triangles].mean(axis=1)
     sector = np.floor(_SECTORS * (np.arctan2(middles[:, 0], middles[:, 1]) / (2.0 * np.pi) + 0.5)).astype(int)
@@ -236,7 +236,7 @@ def _obstacle(meshes: _Meshes, rng: np.random.Generator, obstacle: Obstacle) -> 
         _tree(meshes, rng, place, obstacle.width_m, obstacle.height_m)
 
 
-def _sky(rng: np.random.Generator) -> Batch:
+def _sky(rng: np.random.Generator) -> TriangleBatch:
     """A dome of directions down to just below the horizon."""
     rings, sides = 9, 24
     elevation = np.radians(np.linspace(90.0, -3.0, rings))
@@ -256,4 +256,4 @@ def _sky(rng: np.random.Generator) -> Batch:
     part = np.linspace(0.998, 0.002, rings)
     uv = np.stack([np.tile(around * 3.0 / (2.0 * np.pi), rings), np.repeat(part, sides + 1)], 1)
     colour = np.full((len(vertices), 4), 255, np.uint8)
-    return Batch(vertices, triangles.astype(np.int32), uv, colour, textures.sky(rng), sky=True)
+    return TriangleBatch(vertices, triangles.astype(np.int32), uv, colour, textures.sky(rng), sky=True)

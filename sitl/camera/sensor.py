@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from mission.records import Image
-from sitl.scenario import Scenario
+from sitl.scenario.schema import Scenario
 
 _BANK_MARGIN_PX = 64
 _BANK_ZERO = 128

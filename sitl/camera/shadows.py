@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.records import Image, Vector
-from sitl.body import Body
-from sitl.camera.rasterizer import Batch
+from sitl.camera.rasterizer import TriangleBatch
+from sitl.people.body import Body
 
 _DARK = 110
 """Alpha of the shadow, of 255."""
@@ -65,7 +65,7 @@ class Shadows:
         # Lying sun stretches the shadow, and what it is made of has to be so much denser.
         self._corners, self._parts = _spread(body, _APART_M / max(1.0, float(np.hypot(*self._slope))))
 
-    def batch(self) -> Batch:
+    def batch(self) -> TriangleBatch:
         """The sheet; place it and give it its picture before each picture is taken."""
         first = (np.arange(_CELLS)[:, None] * (_CELLS + 1) + np.arange(_CELLS)).ravel()
         above = first + _CELLS + 1
@@ -75,7 +75,7 @@ class Shadows:
         colour = np.zeros((len(self._sheet), 4), np.uint8)
         colour[:, 3] = 255
         clear: Image = np.zeros((self._side, self._side), np.uint8)
-        return Batch(np.zeros_like(self._sheet), triangles, self._sheet[:, :2], colour, clear, transparent=True)
+        return TriangleBatch(np.zeros_like(self._sheet), triangles, self._sheet[:, :2], colour, clear, transparent=True)
 
     def cast(self, surfaces: Sequence[Vector]) -> Cast:
         """Throw people onto the ground along the sun's rays.

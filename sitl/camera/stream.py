@@ -22,7 +22,7 @@ from av.video.stream import VideoStream
 
 from mission.errors import VideoError
 from mission.records import Image
-from sitl.scenario import CameraSettings
+from sitl.scenario.schema import CameraSettings
 
 CLOCK_HZ = 90_000
 

@@ -9,7 +9,7 @@ import numpy as np
 from mission.records import Box, CameraIntrinsics, Vector
 from sitl.camera.lens import project
 from sitl.camera.renderer import CameraPose
-from sitl.world import World
+from sitl.people.world import World
 
 _NEAREST_M = 0.2
 

@@ -13,14 +13,14 @@ import numpy as np
 from pymavlink.dialects.v20 import all as mavlink
 
 from mission.gimbal.listener import GimbalListener
-from mission.pose import Pose
+from mission.pose.buffer import Pose
 from mission.records import Vector
 from sitl.autopilot.flight_stack import TICK_S
 from sitl.autopilot.gimbal import Gimbal, Target
 from sitl.autopilot.gimbal_manager import GimbalManager
 from sitl.autopilot.rotation import NED_FROM_ENU, Quat, multiply, wrap
+from sitl.evaluation.rendered.aircraft import Flown
 from sitl.field.case import FieldCase
-from sitl.rendered.aircraft import Flown
 
 BOOT_S: Final = 1000.0
 """The autopilot's clock at the flight's time zero."""
@@ -30,7 +30,7 @@ _AGE_S: Final = 0.05
 
 
 class PointedGimbal:
-    """The gimbal of one flight: `mission.drones.drone.CameraPointer` for who points it.
+    """The gimbal of one flight: `mission.vehicle.drone.CameraPointer` for who points it.
 
     Args:
         case: of the flight.

@@ -12,7 +12,7 @@ import numpy as np
 from mission.settings import PatternSettings
 from sitl.autopilot.estimate_errors import NoiseName
 from sitl.autopilot.gimbal_settings import GimbalSettings, Tells
-from sitl.scene import ScenarioWalk
+from sitl.scenario.scene import ScenarioWalk
 
 HEIGHTS_M: Final = (10.0, 20.0, 40.0, 60.0)
 SLANT_M: Final = (20.0, 120.0)

@@ -10,29 +10,29 @@ from typing import Final, cast
 import numpy as np
 
 from mission.camera import Camera
-from mission.camera.time_offset import TimeOffset, TimeOffsetMeter
-from mission.drones.drone import Drone
-from mission.drones.pose_quality import attitude_covariance, noise_model, position_covariance
 from mission.errors import DetectionError
-from mission.flight_offset import UNKNOWN_OFFSET_S, FlightOffset, offset_uncertain
-from mission.flight_record import PICTURES, FlightRecord
-from mission.pattern import lateral_path
-from mission.pointing import Pointing, TargetTracker
-from mission.pose import Pose
+from mission.pose.buffer import Pose
+from mission.procedure.flight_record import PICTURES, FlightRecord
+from mission.procedure.pattern import lateral_path
+from mission.procedure.pointing import Pointing, TargetTracker
 from mission.records import Box, Frame, NoiseModel, Vector
 from mission.sighting import level_mounting
+from mission.timing.flight_offset import UNKNOWN_OFFSET_S, FlightOffset, offset_uncertain
+from mission.timing.time_offset import TimeOffset, TimeOffsetMeter
+from mission.vehicle.drone import Drone
+from mission.vehicle.mavlink.pose_quality import attitude_covariance, noise_model, position_covariance
 from sitl.camera.renderer import CameraPose, Renderer, matrix_from_wxyz
 from sitl.camera.view import PersonView, view_person
+from sitl.evaluation.rendered.aircraft import SETTLE_S, TURN_S, Flown, fly
+from sitl.evaluation.rendered.case import Case
+from sitl.evaluation.rendered.codec import H264
+from sitl.evaluation.rendered.flight import told_state
 from sitl.field.aircraft import PointedGimbal
 from sitl.field.case import FieldCase
-from sitl.rendered.aircraft import SETTLE_S, TURN_S, Flown, fly
-from sitl.rendered.case import Case
-from sitl.rendered.codec import H264
-from sitl.rendered.flight import told_state
-from sitl.scenario import CameraSettings, Scenario, parse_scenario
-from sitl.scene import Light, Person
-from sitl.simulation import camera_of
-from sitl.world import World
+from sitl.people.world import World
+from sitl.scenario.scene import Light, Person
+from sitl.scenario.schema import CameraSettings, Scenario, parse_scenario
+from sitl.simulation.processes import camera_of
 
 BEGIN_S: Final = -5.2
 """The first picture; the pattern begins at 0."""
@@ -75,7 +75,7 @@ class FieldFollowed:
     tracked: int = 0
 
     def pose_noise(self, stated: NoiseModel) -> NoiseModel:
-        """As `mission.locate` takes it."""
+        """As `mission.procedure.locate` takes it."""
         return offset_uncertain(stated, UNKNOWN_OFFSET_S if self.offset is None else self.offset.sigma_s)
 
 

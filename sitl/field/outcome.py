@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 from mission.camera.model import CameraModel
 from mission.errors import DetectionError, EstimateRefused
 from mission.estimate import ESTIMATORS
-from mission.estimate.noise_fit import supported
-from mission.pose import Pose
+from mission.estimate.noise_fit import with_fitted_noise
+from mission.pose.buffer import Pose
 from mission.records import FlightSightings, TargetPrior, Vector
 from mission.track import Tracker
 from sitl.field.case import FieldCase
 from sitl.field.flight import FieldFlight, FieldFollowed, follow
-from sitl.score import ELLIPSE_95
+from sitl.simulation.score import ELLIPSE_95
 
 _BODY_MIDDLE_M = 0.9
 """What a map's single ray takes for the height of a person's middle over flat ground."""
@@ -108,7 +108,7 @@ def _answered(flight: FieldFlight, followed: FieldFollowed, basis: FieldOutcome)
         basis = replace(basis, north_error_deg=north_deg[0], north_sigma_deg=north_deg[1])
     reported = followed.record.sightings(flight.origin, pose_at, offset_s, noise, TargetPrior())
     stated = followed.record.sightings(flight.origin, pose_at, offset_s, noise, TargetPrior(), steadied)
-    found = supported(stated, steadied=steadied.reason is None)
+    found = with_fitted_noise(stated, steadied=steadied.reason is None)
     ray = _single_ray(flight, reported, offset_s - flight.case.offset_s) if reported.sightings else math.nan
     basis = replace(basis, single_ray_error=ray)
     try:

@@ -13,14 +13,14 @@ import numpy as np
 
 from mission.camera import write_camera
 from mission.geodesy import enu_to_geodetic
-from mission.pose import Pose
+from mission.pose.buffer import Pose
 from mission.records import Image, Vector
+from sitl.evaluation.rendered.case import Case
+from sitl.evaluation.rendered.flight import RenderedFlight
 from sitl.recorded.klv_stream import write_transport_stream
 from sitl.recorded.log_files import write_csv, write_dataflash, write_dji_srt, write_tlog, write_ulog
 from sitl.recorded.reports import Reports
 from sitl.recorded.video_file import write_video
-from sitl.rendered.case import Case
-from sitl.rendered.flight import RenderedFlight
 
 LogName = Literal["tlog", "dataflash", "ulog", "dji-srt", "misb-klv", "csv"]
 BOOT_S = 100.0

@@ -11,9 +11,9 @@ from mission.estimate.batch import estimate_together
 from mission.estimate.bound import bound
 from mission.estimate.noise_fit import fit_noise
 from mission.records import FlightSightings, TargetPrior
-from sitl.accuracy.flights import PAPER_CAMERA, SimulatedFlight, Walk, out_and_back, simulate
-from sitl.accuracy.least_squares import LeastSquaresProblem
-from sitl.accuracy.repeated import repeated_passes
+from sitl.evaluation.accuracy.flights import PAPER_CAMERA, SimulatedFlight, Walk, out_and_back, simulate
+from sitl.evaluation.accuracy.repeated import repeated_passes
+from sitl.evaluation.comparators.least_squares import LeastSquaresProblem
 
 
 def flight_of(count: int, *, wrong_share: float = 0.0) -> SimulatedFlight:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mission.clock import ClockMap
-from tests.mission.tlog import ARDUCOPTER, PX4, messages
+from tests.support.tlog import ARDUCOPTER, PX4, messages
 
 
 def _run(clock: ClockMap, offset_s: float, drift: float, delays_s: np.ndarray, rate_hz: float = 50.0) -> list[float]:

@@ -9,9 +9,9 @@ import pytest
 from pydantic import ValidationError
 
 from mission.camera.camera import Camera
-from mission.pattern_bound import duration_s
 from mission.pattern_choice import chosen_pattern
-from mission.planner import SideRoom
+from mission.planning.bound import duration_s
+from mission.planning.planner import SideRoom
 from mission.records import NoiseModel, TargetPrior
 from mission.settings import PatternSettings
 

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mission.camera import Mounting
-from mission.pose import Pose
+from mission.pose.buffer import Pose
 from mission.records import Box
 from mission.sighting import azimuth_of, camera_position, roll_of, rotation_shift, sighting, world_from_camera
 from mission.track import Track
-from tests.mission.fakes import CAMERA, ENU_FROM_NED
+from tests.support.fakes import CAMERA, ENU_FROM_NED
 
 
 def pose(heading: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> Pose:

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import sitl
-from sitl.run import locate, scored
-from sitl.scenario import read_scenario
-from sitl.simulation import Simulation, simulation
+from sitl.scenario.schema import read_scenario
+from sitl.simulation.processes import Simulation, simulation
+from sitl.simulation.run import locate, scored
 from tests.soak.conftest import Note
 
 BAD_WIFI = Path(sitl.__file__).parent / "scenarios" / "ardrone-faults" / "bad-wifi.toml"

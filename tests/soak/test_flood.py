@@ -16,16 +16,16 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_plugin.authority import Authority
 from gcs_plugin.authority.signing import timestamp_of
-from gcs_plugin.component import CameraComponent, Identity, Locate, StationLink
-from mission.drones.link import MavlinkLink
-from mission.drones.loopback import loopback_socket
-from mission.drones.thinning import Thinning
+from gcs_plugin.component import CameraComponent, Identity, LocateOrder, StationLink
 from mission.settings import MissionSettings
+from mission.vehicle.mavlink.decode_throttle import DecodeThrottle
+from mission.vehicle.mavlink.link import MavlinkLink
+from mission.vehicle.pilot.loopback import loopback_socket
 from sitl.autopilot.config import AutopilotConfig
 from sitl.autopilot.process import start_autopilot
-from tests.gcs_plugin.component.bench import PICTURE
-from tests.gcs_plugin.serve.station import Station, until
 from tests.soak.conftest import Note
+from tests.support.component_bench import PICTURE
+from tests.support.station import Station, until
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(240)]
 
@@ -93,7 +93,7 @@ def acknowledged(station: Station, number: int) -> tuple[float, float]:
 def flood(sock: socket.socket, port: int, seconds: float) -> Iterator[None]:
     """A flood from a socket to a loopback port, at full rate until the end of the context."""
     fd = sock.fileno()
-    command = [sys.executable, "-m", "tests.soak.flooder", str(fd), str(port), str(RATE_HZ), str(seconds)]
+    command = [sys.executable, "-m", "tests.support.flooder", str(fd), str(port), str(RATE_HZ), str(seconds)]
     with subprocess.Popen(command, pass_fds=[fd], stdout=subprocess.PIPE, text=True) as process:
         try:
             yield
@@ -107,7 +107,7 @@ def flood(sock: socket.socket, port: int, seconds: float) -> Iterator[None]:
 def test_a_signed_abort_under_a_flood_of_unsigned_frames(note: Note) -> None:
     station, sock = loopback_socket(), loopback_socket()
     port = sock.getsockname()[1]
-    thinning = Thinning(1, time.monotonic(), sparing=False)
+    thinning = DecodeThrottle(1, time.monotonic(), sparing=False)
     link = MavlinkLink(
         sock, source_system=1, source_component=193, target_system=1, heartbeat=False, wants=thinning.wants
     )
@@ -134,7 +134,7 @@ def test_a_signed_abort_under_a_flood_of_unsigned_frames(note: Note) -> None:
                     station.sendto(signed(mavlink.MAV_CMD_USER_1, number), ("127.0.0.1", port))
                     next_s = time.monotonic() + 0.2
                 order = component.attend(LOOP_S)
-            assert order == Locate()
+            assert order == LocateOrder()
             began_s, next_s, stops = time.monotonic(), 0.0, 0
             while not component.should_stop():
                 assert time.monotonic() - began_s < 10.0

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from sitl.faults import FrameMutator
-from tests.gcs_plugin.test_component_fuzz import answer_s, component_under_fuzz, mutator
-from tests.mission.drones.fuzz_bench import Flood
-from tests.mission.drones.test_fuzz import drone_under_fuzz, vehicle_frames
+from tests.gcs_plugin.component.test_fuzz import answer_s, component_under_fuzz, mutator
+from tests.mission.vehicle.mavlink.test_fuzz import drone_under_fuzz, vehicle_frames
 from tests.soak.conftest import Note
+from tests.support.fuzz_bench import Flood
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(3600)]
 

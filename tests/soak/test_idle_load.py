@@ -13,8 +13,8 @@ import pytest
 
 from sitl.autopilot.config import AutopilotConfig
 from sitl.autopilot.process import start_autopilot
-from tests.gcs_plugin.serve.station import Station, until
 from tests.soak.conftest import Note
+from tests.support.station import Station, until
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(300)]
 

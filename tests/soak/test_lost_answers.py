@@ -1,6 +1,6 @@
 """Lost answers to our mode orders and a pilot who chooses his mode right after them, with the real pilot process.
 
-All the other orders, and far more cases, are in tests/mission/drones/test_lost_answers.py in simulated time.
+All the other orders, and far more cases, are in tests/mission/vehicle/pilot/test_lost_answers.py in simulated time.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from mission.drones.framing import frames
+from mission.vehicle.mavlink.framing import frames
 from sitl.autopilot.config import FlavourName
 from sitl.faults import Towards
-from tests.mission.drones.fault_bench import HOLD, NOT_YET, OFFBOARD, FaultBench, fault_bench
 from tests.soak.conftest import Note
+from tests.support.fault_bench import HOLD, NOT_YET, OFFBOARD, FaultBench, fault_bench
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(1800)]
 

@@ -21,9 +21,9 @@ from mavsdk.plugins.offboard import VelocityNedYaw
 from mavsdk.plugins.telemetry import FlightMode
 from pymavlink import mavutil
 
+from sitl.aircraft.truth import TruthRing
 from sitl.autopilot import AutopilotConfig, AutopilotProcess, start_autopilot
 from sitl.autopilot.config import FlavourName
-from sitl.truth import TruthRing
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(120)]
 

@@ -10,9 +10,9 @@ import pytest
 
 from sitl.autopilot import Mode
 from sitl.faults import LinkFaults
-from tests.sitl.airborne import PATTERN, TAKE_OFF, Airborne, airborne
-from tests.sitl.test_run import SCENARIO
+from tests.sitl.simulation.test_run import SCENARIO
 from tests.soak.conftest import Note
+from tests.support.airborne import PATTERN, TAKE_OFF, Airborne, airborne
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(900)]
 

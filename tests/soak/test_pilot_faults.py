@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from sitl.autopilot.config import FlavourName
-from tests.mission.drones.fault_bench import HOLD, Fault, FaultBench, fault_bench
 from tests.soak.conftest import Note
+from tests.support.fault_bench import HOLD, Fault, FaultBench, fault_bench
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(1800)]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from sitl.autopilot import Mode
-from tests.sitl.airborne import PATTERN, TAKE_OFF, Airborne, airborne
-from tests.sitl.test_run import SCENARIO
+from tests.sitl.simulation.test_run import SCENARIO
+from tests.support.airborne import PATTERN, TAKE_OFF, Airborne, airborne
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(300)]
 

@@ -11,7 +11,7 @@ from mission.camera import Camera, Mounting, write_camera
 from sitl.recorded.log_files import write_csv
 from sitl.recorded.reports import Reports
 from sitl.recorded.video_file import write_video
-from tests.mission.camera.panorama import Flight
+from tests.support.panorama import Flight
 
 BEFORE_S = 7.0
 """The log begins so much before the video."""

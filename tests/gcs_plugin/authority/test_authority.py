@@ -12,11 +12,11 @@ from pymavlink.dialects.v20 import all as mavlink
 from gcs_plugin.authority import Authority, SignatureMemory, read_key
 from gcs_plugin.authority.rate import TokenBucket
 from gcs_plugin.authority.signing import UNITS_PER_S, SignatureCheck, timestamp_of
-from gcs_plugin.component import Locate
-from mission.drones.command_cancel import CommandCancel
+from gcs_plugin.component import LocateOrder
 from mission.errors import SettingsError
 from mission.settings import AuthoritySettings
-from tests.gcs_plugin.component.bench import Bench
+from mission.vehicle.mavlink.command_cancel import CommandCancel
+from tests.support.component_bench import Bench
 
 KEY = bytes(range(32))
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
@@ -66,7 +66,7 @@ def test_the_usual_ground_stations_may_order_by_default() -> None:
     for system in (255, 250, 245):
         bench = Bench()
         bench.command(mavlink.MAV_CMD_USER_1, source=(system, 190))
-        assert bench.turn() == Locate()
+        assert bench.turn() == LocateOrder()
 
 
 @pytest.mark.parametrize("source", [(1, 1), (1, 191), (2, 100), (77, 190)])
@@ -118,7 +118,7 @@ def test_strangers_that_shout_are_reported_now_and_then_only() -> None:
 def test_a_signed_order_is_obeyed() -> None:
     bench = signed_bench()
     bench.say_bytes(order())
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_an_order_recorded_and_played_again_is_not_obeyed() -> None:
     bench = signed_bench()
     recorded = order()
     bench.say_bytes(recorded)
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
     bench.component.ended(0)
     bench.take()
     for _ in range(3):
@@ -245,13 +245,13 @@ def test_an_order_recorded_before_a_restart_is_a_replay_after_it(tmp_path: Path)
     recorded = order()
     first = restarted(tmp_path)
     first.say_bytes(recorded)
-    assert first.turn() == Locate()
+    assert first.turn() == LocateOrder()
     second = restarted(tmp_path, NOW + timedelta(seconds=20))
     second.say_bytes(recorded)
     assert second.turn() is None
     assert dict(second.authority.counts) == {"replayed": 1}
     second.say_bytes(order(timestamp=timestamp_of(NOW) + 1))
-    assert second.turn() == Locate()
+    assert second.turn() == LocateOrder()
 
 
 def test_heartbeats_count_over_a_restart_too_and_are_written_seldom(tmp_path: Path) -> None:
@@ -300,7 +300,7 @@ def test_a_memory_that_is_none_is_told_and_nothing_from_before_is_obeyed(tmp_pat
     assert dict(bench.authority.counts) == {"old": 1}
     times.pass_s(1.0)
     bench.say_bytes(order(timestamp=timestamp_of(times.utc())))
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
     assert bench.authority.signing_timestamp() == timestamp_of(times.utc())
     assert SignatureMemory(tmp_path / "signatures.json").lost == ""
 
@@ -309,13 +309,13 @@ def test_a_disk_that_refuses_does_not_refuse_the_order(tmp_path: Path) -> None:
     bench = restarted(tmp_path)
     tmp_path.rmdir()
     bench.say_bytes(order())
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
 
 
 def test_a_flood_under_the_operator_s_name_does_not_hold_back_a_signed_stop() -> None:
     bench = signed_bench()
     bench.say_bytes(order())
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
     for number in range(2000):
         bench.say_bytes(order(None))
         if number == 1000:
@@ -328,7 +328,7 @@ def test_a_flood_under_the_operator_s_name_does_not_hold_back_a_signed_stop() ->
 def test_a_stop_is_never_too_many() -> None:
     bench = Bench()
     bench.command(mavlink.MAV_CMD_USER_1)
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
     for _ in range(200):  # the operator's own station asks for everything at once
         bench.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 259)
     bench.command(mavlink.MAV_CMD_USER_2)
@@ -393,7 +393,7 @@ def test_a_station_whose_clock_is_off_may_order_for_hours_if_it_follows_the_time
         stamp = max(stamp, bench.authority.signing_timestamp() or 0)
     times.pass_s(5.0)
     bench.say_bytes(order(timestamp=stamp + 1))
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
     assert not bench.authority.counts
 
 
@@ -407,7 +407,7 @@ def test_a_step_of_our_own_clock_makes_no_order_old(step_s: float) -> None:
     times.utc_s += step_s
     times.pass_s(1.0)
     bench.say_bytes(order(timestamp=timestamp_of(NOW) + UNITS_PER_S))
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
     assert (bench.authority.signing_timestamp() or 0) >= before + UNITS_PER_S
 
 
@@ -420,7 +420,7 @@ def test_a_stop_is_obeyed_however_late_it_comes_but_once(late_s: float) -> None:
     for stopped in (True, False):
         stamp = timestamp_of(times.utc()) + (0 if stopped else 1)
         bench.say_bytes(order(timestamp=stamp))
-        assert bench.turn() == Locate()
+        assert bench.turn() == LocateOrder()
         bench.say_bytes(stop)
         bench.step()
         assert bench.component.should_stop() is stopped
@@ -436,7 +436,7 @@ def test_signed_frames_played_again_do_not_use_up_the_operator_s_rate() -> None:
         bench.say_bytes(recorded)
         bench.step()
     bench.say_bytes(order(timestamp=timestamp_of(NOW) + 1))
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
 
 
 def test_a_flood_of_stops_is_obeyed_and_not_answered_without_end() -> None:
@@ -451,7 +451,7 @@ def test_a_flood_of_stops_is_obeyed_and_not_answered_without_end() -> None:
 def test_without_a_signature_nothing_is_changed_where_a_key_is_set() -> None:
     bench = signed_bench()
     bench.say_bytes(order())
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
     bench.take()
     streams, settings = bench.component._intervals.interval_us(275), bench.component.settings
     for command in (31010, 31011, 31012, 31013, 511, 2004, 2005, 2010):

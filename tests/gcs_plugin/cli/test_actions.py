@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from gcs_plugin.cli.actions import FILE_NAME, actions_file, register
 from gcs_plugin.component.identity import Identity
-from gcs_plugin.component.orders import STOP_COMMANDS, GiveBack, Locate, NextCandidate, order_of
+from gcs_plugin.component.orders import STOP_COMMANDS, LocateOrder, NextCandidate, ReleaseControl, order_of
 from mission.errors import SettingsError
 
 REQUIRED = {"label": str, "description": str, "mavCmd": int}
@@ -49,7 +49,12 @@ def test_every_button_is_an_order_that_the_component_knows_and_abort_is_among_th
         for action in actions
         if action["mavCmd"] not in STOP_COMMANDS
     ]
-    assert orders == [Locate(), NextCandidate(), GiveBack(roi=True, waypoint=False), GiveBack(roi=False, waypoint=True)]
+    assert orders == [
+        LocateOrder(),
+        NextCandidate(),
+        ReleaseControl(roi=True, waypoint=False),
+        ReleaseControl(roi=False, waypoint=True),
+    ]
     assert [action["label"] for action in actions if action["mavCmd"] in STOP_COMMANDS] == ["Locate: abort"]
 
 

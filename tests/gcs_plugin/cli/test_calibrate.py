@@ -9,9 +9,9 @@ from typer.testing import CliRunner, Result
 
 from gcs_plugin.cli import calibrate as command
 from mission.camera import Camera, read_camera, write_camera
-from mission.camera.time_offset import TimeOffset
 from mission.errors import CalibrationError, LinkError, SettingsError
-from tests.mission.camera import boards
+from mission.timing.time_offset import TimeOffset
+from tests.support import boards
 
 
 def run(*arguments: str) -> Result:

@@ -9,10 +9,10 @@ import typer
 from typer.testing import CliRunner
 
 from gcs_plugin.cli.draw import register
-from gcs_plugin.flight_folder import FlightFolder
+from gcs_plugin.flight_report.flight_folder import FlightFolder
 from mission.errors import SettingsError
-from tests.gcs_plugin.sample import NOON
-from tests.gcs_plugin.test_plan_view import flight
+from tests.gcs_plugin.flight_report.test_plan_view import flight
+from tests.support.sample import NOON
 
 
 @pytest.fixture

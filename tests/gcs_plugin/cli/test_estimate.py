@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from gcs_plugin.cli.estimate import register
 from mission.estimate import ESTIMATORS
 from mission.estimate.sightings_file import write_flight
-from sitl.accuracy.flights import Walk, out_and_back, simulate
+from sitl.evaluation.accuracy.flights import Walk, out_and_back, simulate
 
 FIELDS = [
     "id", "method", "model", "t_s", "position_enu_m", "velocity_enu_m_s", "covariance", "lat_deg", "lon_deg", "alt_m",

@@ -15,9 +15,9 @@ import typer
 from typer.testing import CliRunner
 
 from gcs_plugin.cli.export import register
-from gcs_plugin.geotags import GeotagLog
+from gcs_plugin.geotags.log import GeotagLog
 from mission.errors import SettingsError
-from tests.gcs_plugin.sample import geotag
+from tests.support.sample import geotag
 
 
 @pytest.fixture

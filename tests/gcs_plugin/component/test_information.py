@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_plugin.component.information import REQUEST_COMMANDS
-from tests.gcs_plugin.component.bench import Bench
+from tests.support.component_bench import Bench
 
 ACCEPTED, DENIED, UNSUPPORTED = 0, 2, 3
 BROADCAST = [(0, 0), (1, 0), (1, 1), (2, 100)]

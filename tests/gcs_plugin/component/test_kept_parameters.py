@@ -12,7 +12,7 @@ from gcs_plugin.authority import Authority
 from gcs_plugin.component import CameraComponent, Identity
 from gcs_plugin.component.kept_parameters import KeptParameters
 from mission.settings import MissionSettings, PatternSettings
-from tests.gcs_plugin.component.bench import PICTURE, Bench
+from tests.support.component_bench import PICTURE, Bench
 
 FILE = MissionSettings(pattern=PatternSettings(length_m=3.0))
 

@@ -13,9 +13,9 @@ from pymavlink.dialects.v20 import all as mavlink
 from gcs_plugin.authority import Authority
 from gcs_plugin.authority.signing import SignatureCheck, timestamp_of
 from gcs_plugin.component import StationLink
-from mission.drones.link import MavlinkLink
-from mission.drones.loopback import loopback_socket
 from mission.settings import AuthoritySettings
+from mission.vehicle.mavlink.link import MavlinkLink
+from mission.vehicle.pilot.loopback import loopback_socket
 
 KEY = bytes(range(32))
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)

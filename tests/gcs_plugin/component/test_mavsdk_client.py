@@ -17,13 +17,13 @@ from mavsdk.system import System
 from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_plugin.authority import Authority
-from gcs_plugin.component import CameraComponent, Identity, Locate, Order, Picture, StationLink
-from gcs_plugin.component.tracking import Seen
-from mission.drones.link import MavlinkLink
-from mission.drones.loopback import loopback_socket
+from gcs_plugin.component import CameraComponent, Identity, LocateOrder, Order, Picture, StationLink
+from gcs_plugin.component.tracking import TrackedBox
 from mission.records import Box
 from mission.settings import MissionSettings, OrderSettings
 from mission.track import Track
+from mission.vehicle.mavlink.link import MavlinkLink
+from mission.vehicle.pilot.loopback import loopback_socket
 
 BOX = Box(160.0, 120.0, 64.0, 240.0)
 
@@ -74,7 +74,7 @@ class Served:
         while not component.should_stop() and not self._end.is_set():
             index += 1
             track = Track(index, time.monotonic(), "tracking", BOX, BOX.centre_px, 1.0, 240.0, 0.03, 1.0)
-            component.tracking(Seen(track, 640, 480))
+            component.tracking(TrackedBox(track, 640, 480))
             component.step(0.05)
             if self.answer:
                 geo = mavlink.MAVLink_camera_tracking_geo_status_message(1, 473977642, 85457195, *([1.0] * 10))
@@ -137,7 +137,7 @@ def test_a_box_is_accepted_and_starts_a_locate(served: Served, station: Client) 
     station.camera.track_rectangle(station.id, 0.25, 0.25, 0.5, 0.75)
     assert until(lambda: served.orders)
     order = served.orders[0]
-    assert isinstance(order, Locate)
+    assert isinstance(order, LocateOrder)
     assert order.mark is not None
     assert (order.mark.left, order.mark.bottom) == (0.25, 0.75)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from gcs_plugin.component import Locate
+from gcs_plugin.component import LocateOrder
 from gcs_plugin.component.identity import Identity, heartbeat
-from tests.gcs_plugin.component.bench import Bench
+from tests.support.component_bench import Bench
 
 OURS = (1, 100)
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
@@ -38,7 +38,7 @@ def test_an_order_of_our_own_is_obeyed_beside_it() -> None:
     bench = Bench()
     other_camera(bench)
     bench.command(mavlink.MAV_CMD_USER_1)
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
 
 
 def test_a_second_program_like_ours_is_another_too() -> None:
@@ -54,7 +54,7 @@ def test_our_own_heartbeat_brought_back_by_the_network_is_ours() -> None:
     (ours,) = bench.take("HEARTBEAT")[-1:]
     bench.say(ours, OURS)
     bench.command(*BOX)
-    assert isinstance(bench.turn(), Locate)
+    assert isinstance(bench.turn(), LocateOrder)
 
 
 def test_when_it_is_gone_boxes_are_ours_again() -> None:
@@ -63,4 +63,4 @@ def test_when_it_is_gone_boxes_are_ours_again() -> None:
     bench.turn()
     bench.turn(10.0)
     bench.command(*BOX)
-    assert isinstance(bench.turn(), Locate)
+    assert isinstance(bench.turn(), LocateOrder)

@@ -7,13 +7,13 @@ import math
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from gcs_plugin.component import Follow, GiveBack, Locate, Mark, NextCandidate
+from gcs_plugin.component import Follow, LocateOrder, Mark, NextCandidate, ReleaseControl
 from gcs_plugin.component.commands import CANCELLED
 from gcs_plugin.component.orders import order_of
-from mission.drones.command_cancel import CommandCancel
 from mission.records import Box
 from mission.settings import MissionSettings, OrderSettings
-from tests.gcs_plugin.component.bench import Bench
+from mission.vehicle.mavlink.command_cancel import CommandCancel
+from tests.support.component_bench import Bench
 
 USER_1, USER_2, USER_3, USER_4, POINT, RECTANGLE, STOP = 31010, 31011, 31012, 31013, 2004, 2005, 2010
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, FAILED, IN_PROGRESS = 0, 1, 2, 4, 5
@@ -24,7 +24,7 @@ def test_a_box_on_the_video_is_accepted_at_once_and_starts_a_locate() -> None:
     bench = Bench()
     bench.command(RECTANGLE, 0.25, 0.5, 0.5, 0.75)
     order = bench.turn()
-    assert order == Locate(Mark(0.25, 0.5, 0.5, 0.75))
+    assert order == LocateOrder(Mark(0.25, 0.5, 0.5, 0.75))
     assert bench.acks() == [(RECTANGLE, ACCEPTED)]
     assert order.mark is not None
     assert order.mark.choice(640, 480).box == Box(160.0, 240.0, 160.0, 120.0)
@@ -34,7 +34,7 @@ def test_a_click_is_a_point() -> None:
     bench = Bench()
     bench.command(POINT, 0.25, 0.5, 0.1)
     order = bench.turn()
-    assert isinstance(order, Locate)
+    assert isinstance(order, LocateOrder)
     assert order.mark is not None
     assert order.mark.choice(640, 480).point == (160.0, 240.0)
 
@@ -57,7 +57,7 @@ def test_a_box_only_tracks_when_the_settings_say_so() -> None:
     ],
 )
 def test_the_button_locates_a_marked_target_or_any(params: tuple[float, ...], mark: Mark | None) -> None:
-    assert order_of(USER_1, params, box_locates=True) == Locate(mark)
+    assert order_of(USER_1, params, box_locates=True) == LocateOrder(mark)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_a_mark_outside_the_picture_is_denied(command: int, params: tuple[float,
 def test_the_button_hears_of_progress_until_the_end() -> None:
     bench = Bench()
     bench.command(USER_1)
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
     for second in range(1, 6):
         bench.component.progress(20 * second - 10)
         for _ in range(10):
@@ -117,7 +117,7 @@ def test_a_second_order_is_refused_while_one_flies_and_taken_after_it() -> None:
     bench.component.ended(FAILED)
     assert bench.acks() == [(USER_1, FAILED)]
     bench.command(RECTANGLE, 0.125, 0.125, 0.5, 0.5)
-    assert bench.turn() == Locate(Mark(0.125, 0.125, 0.5, 0.5))
+    assert bench.turn() == LocateOrder(Mark(0.125, 0.125, 0.5, 0.5))
 
 
 @pytest.mark.parametrize("command", [USER_2, STOP])
@@ -141,7 +141,7 @@ def test_an_abort_of_an_order_that_has_not_begun_withdraws_it() -> None:
     assert bench.turn() is None
     assert bench.acks()[1:] == [(USER_1, CANCELLED), (USER_2, ACCEPTED)]
     bench.command(USER_1)
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
 
 
 def test_an_abort_without_an_order_is_accepted() -> None:
@@ -159,7 +159,7 @@ def test_tracking_gives_way_to_the_order_to_locate() -> None:
     bench.step()
     assert bench.component.should_stop()
     bench.component.ended(CANCELLED)  # of the tracking: nobody waits for that
-    assert bench.turn() == Locate()
+    assert bench.turn() == LocateOrder()
     assert not bench.component.should_stop()
     bench.component.ended(ACCEPTED)
     assert [a for a in bench.acks() if a[1] != IN_PROGRESS] == [(USER_3, ACCEPTED), (USER_1, ACCEPTED)]
@@ -181,7 +181,7 @@ def test_too_many_flights_in_a_minute_are_refused() -> None:
 def test_the_last_answer_is_given_to_the_autopilot_on_request(what: float, roi: bool, waypoint: bool) -> None:
     bench = Bench()
     bench.command(USER_4, what)
-    assert bench.turn() == GiveBack(roi, waypoint)
+    assert bench.turn() == ReleaseControl(roi, waypoint)
     bench.component.ended(ACCEPTED)
     assert bench.acks() == [(USER_4, IN_PROGRESS), (USER_4, ACCEPTED)]
 

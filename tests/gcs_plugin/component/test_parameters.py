@@ -13,7 +13,7 @@ from gcs_plugin.component.identity import ParameterEncoding
 from gcs_plugin.component.parameter_protocol import decoded, encoded
 from gcs_plugin.component.parameter_table import NOT_PARAMETERS, PARAMETER_NAMES, parameters, table_lines
 from mission.settings import MissionSettings
-from tests.gcs_plugin.component.bench import Bench, Message
+from tests.support.component_bench import Bench, Message
 
 REAL32, INT32, UINT8 = mavlink.MAV_PARAM_TYPE_REAL32, mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_UINT8
 ENCODINGS: list[ParameterEncoding] = ["c-cast", "bytewise"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from gcs_plugin.component import Locate, NextCandidate
-from gcs_plugin.component.acknowledgements import MOST_REMEMBERED, Answer, Command, Memory, Sender
-from tests.gcs_plugin.component.bench import Bench
+from gcs_plugin.component import LocateOrder, NextCandidate
+from gcs_plugin.component.acknowledgements import MOST_REMEMBERED, CommandAnswer, Memory, ReceivedCommand, Sender
+from tests.support.component_bench import Bench
 
 USER_1, USER_3, RECTANGLE = 31010, 31012, 2005
 BOX = (0.1, 0.1, 0.5, 0.5)
@@ -15,7 +15,7 @@ BOX = (0.1, 0.1, 0.5, 0.5)
 def test_a_box_sent_again_as_it_was_is_accepted_again_while_it_runs() -> None:
     bench = Bench()
     bench.command(RECTANGLE, *BOX)
-    assert isinstance(bench.turn(), Locate)
+    assert isinstance(bench.turn(), LocateOrder)
     bench.command(RECTANGLE, *BOX)
     bench.step(3.0)
     assert bench.acks() == [(RECTANGLE, 0), (RECTANGLE, 0)]
@@ -51,7 +51,7 @@ def test_the_same_button_pressed_again_later_is_a_new_order() -> None:
     bench.turn()
     bench.component.ended(mavlink.MAV_RESULT_ACCEPTED)
     bench.command(USER_1)
-    assert bench.turn(6.0) == Locate()
+    assert bench.turn(6.0) == LocateOrder()
 
 
 def test_a_refused_order_given_again_is_looked_at_again() -> None:
@@ -61,7 +61,7 @@ def test_a_refused_order_given_again_is_looked_at_again() -> None:
     assert bench.turn() is None
     bench.refusal = ""
     bench.command(USER_1)
-    assert bench.turn(1.0) == Locate()
+    assert bench.turn(1.0) == LocateOrder()
 
 
 def test_the_same_command_of_another_sender_is_another_command() -> None:
@@ -86,9 +86,9 @@ def test_the_next_candidate_can_be_asked_for_again_and_again() -> None:
 
 def test_the_memory_is_bounded_and_keeps_what_runs() -> None:
     memory = Memory()
-    running = Command(Sender(255, 190), USER_1, (0.0,) * 7, 0)
-    memory.remember(Answer(running, mavlink.MAV_RESULT_IN_PROGRESS, 0.0, running=True))
+    running = ReceivedCommand(Sender(255, 190), USER_1, (0.0,) * 7, 0)
+    memory.remember(CommandAnswer(running, mavlink.MAV_RESULT_IN_PROGRESS, 0.0, running=True))
     for i in range(1000):
-        memory.remember(Answer(Command(Sender(i % 255, i // 255), USER_1, (float(i),) * 7, 0), 0, 0.0))
+        memory.remember(CommandAnswer(ReceivedCommand(Sender(i % 255, i // 255), USER_1, (float(i),) * 7, 0), 0, 0.0))
     assert len(memory) == MOST_REMEMBERED
     assert memory.repeated(running, 1000.0) is not None

@@ -10,8 +10,8 @@ from pymavlink.dialects.v20 import all as mavlink
 from gcs_plugin.component import CameraComponent
 from gcs_plugin.component.commands import COMMAND_MESSAGES
 from gcs_plugin.component.parameter_protocol import PARAMETER_MESSAGES
-from mission.drones.framing import decode
-from tests.gcs_plugin.component.bench import Bench
+from mission.vehicle.mavlink.framing import decode
+from tests.support.component_bench import Bench
 
 FRAMES = 10_000
 

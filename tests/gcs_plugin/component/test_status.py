@@ -7,20 +7,20 @@ import math
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from gcs_plugin.component.tracking import Seen
+from gcs_plugin.component.tracking import TrackedBox
 from mission.records import Box
 from mission.track import Track
 from mission.track.track import TrackState
-from tests.gcs_plugin.component.bench import Bench
+from tests.support.component_bench import Bench
 
 IMAGE, GEO = "CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS"
 SET, GET = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_GET_MESSAGE_INTERVAL
 ACCEPTED, DENIED = 0, 2
 
 
-def seen(state: TrackState = "tracking") -> Seen:
+def seen(state: TrackState = "tracking") -> TrackedBox:
     track = Track(1, 100.0, state, Box(160.0, 120.0, 64.0, 240.0), (192.0, 240.0), 1.0, 240.0, 0.03, 1.0)
-    return Seen(track, 640, 480)
+    return TrackedBox(track, 640, 480)
 
 
 def run(bench: Bench, seconds: float, step_s: float = 0.02) -> None:

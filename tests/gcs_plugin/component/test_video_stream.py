@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_plugin.component.video_stream import video_stream
-from tests.gcs_plugin.component.bench import Bench
+from tests.support.component_bench import Bench
 
 RTSP, RTP, TCP, MPEG_TS = (
     mavlink.VIDEO_STREAM_TYPE_RTSP,

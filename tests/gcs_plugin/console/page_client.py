@@ -22,7 +22,7 @@ from gcs_plugin.console.server import ConsoleServer
 from mission.detect import Detector
 from mission.records import Box, Detection, Frame
 from mission.settings import ConsoleSettings, MissionSettings
-from tests.mission.fakes import CAMERA, FakeDrone
+from tests.support.fakes import CAMERA, FakeDrone
 
 AGENT = "test browser"
 

@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from gcs_plugin.component.orders import Follow, GiveBack, Locate
+from gcs_plugin.component.orders import Follow, LocateOrder, ReleaseControl
 from gcs_plugin.console.passwords import read_passwords, set_password
 from gcs_plugin.console.server import ConsoleServer
 from gcs_plugin.console.sockets import MOST_PAGES
-from gcs_plugin.geotags import GeotagLog
+from gcs_plugin.geotags.log import GeotagLog
 from mission.errors import SettingsError
 from mission.settings import ConsoleSettings
 from tests.gcs_plugin.console.page_client import Browser, Console, Nobody, Wire, console, until
-from tests.gcs_plugin.sample import geotag, jpeg
+from tests.support.sample import geotag, jpeg
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_who_is_marked_is_followed_and_then_located(running: Console, browser: B
         assert (order.mark.left, order.mark.bottom) == (0.25, 0.75)
         assert until(lambda: running.server.desk.following)
         assert wire.order("locate") == ""
-        assert running.taken.orders[1] == Locate()
+        assert running.taken.orders[1] == LocateOrder()
         assert wire.order("abort") == ""
         assert running.taken.aborts == 1
 
@@ -147,7 +147,7 @@ def test_the_answer_is_given_back_to_the_autopilot(running: Console, browser: Br
     with browser.live() as wire:
         assert wire.order("give", what="roi") == ""
         assert wire.order("give", what="self-destruct") == "there is no such order"
-    assert running.taken.orders == [GiveBack(roi=True, waypoint=False)]
+    assert running.taken.orders == [ReleaseControl(roi=True, waypoint=False)]
 
 
 def test_one_of_two_commanders_is_in_command(running: Console) -> None:

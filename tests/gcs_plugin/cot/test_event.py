@@ -17,7 +17,7 @@ from gcs_plugin.cot.event import DroneState, drone_event, ellipse_event, target_
 from gcs_plugin.cot.package import to_data_package
 from mission.geodesy import Geodetic
 from mission.settings import TakSettings
-from tests.gcs_plugin.sample import NOON, estimate, geotag, jpeg, origin
+from tests.support.sample import NOON, estimate, geotag, jpeg, origin
 
 TAG = replace(geotag(picture=jpeg()), number=3)
 STILL = geotag(where=estimate(velocity=(0.0, 0.01, 0.0)))

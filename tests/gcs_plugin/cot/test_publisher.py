@@ -21,7 +21,7 @@ from gcs_plugin.cot.sender import ServerSender, UdpSender, cot_sender
 from mission.camera import Camera, Mounting
 from mission.errors import SettingsError
 from mission.settings import TakSettings
-from tests.gcs_plugin.sample import NOON, geotag
+from tests.support.sample import NOON, geotag
 
 CAMERA = Camera.from_field_of_view(640, 480, 1.2, Mounting.tilted(0.1))
 

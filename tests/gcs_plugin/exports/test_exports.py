@@ -27,10 +27,10 @@ from gcs_plugin.exports.kmz import to_kmz
 from gcs_plugin.exports.layers import to_geopackage
 from gcs_plugin.exports.picture import to_jpeg
 from gcs_plugin.exports.words import description, moves
-from gcs_plugin.geotag import Geotag
+from gcs_plugin.geotags.geotag import Geotag
 from mission.errors import AnswerError, SettingsError
 from mission.records import GeodeticOrigin
-from tests.gcs_plugin.sample import estimate, geotag, jpeg, origin
+from tests.support.sample import estimate, geotag, jpeg, origin
 
 GPX = {"g": "http://www.topografix.com/GPX/1/1"}
 KML = {"k": "http://www.opengis.net/kml/2.2"}

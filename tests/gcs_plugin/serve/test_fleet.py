@@ -18,9 +18,9 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from gcs_plugin.serve.fleet import Fleet, VehicleOptions, vehicles
 from gcs_plugin.serve.hub import Hub
-from mission.drones.framing import decode, frames
-from mission.drones.loopback import loopback_socket
 from mission.errors import LinkError, SettingsError
+from mission.vehicle.mavlink.framing import decode, frames
+from mission.vehicle.pilot.loopback import loopback_socket
 
 LINKS = ["udpin://0.0.0.0:14540", "udpin://0.0.0.0:14541"]
 WORKER = """

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from gcs_plugin.component.tracking import Seen
+from gcs_plugin.component.tracking import TrackedBox
 from gcs_plugin.serve.follow import Following, next_candidate
 from mission.detect import Detector
 from mission.errors import DetectionError, VideoError
 from mission.records import Box, Detection, Frame
 from mission.track import Track
 from mission.track.track import TrackState
-from tests.mission.fakes import BLANK, FakeDrone, FakeVideo
+from tests.support.fakes import BLANK, FakeDrone, FakeVideo
 
 LEFT, MIDDLE, RIGHT = (Detection(Box(x, 100.0, 60.0, 200.0), 1.0) for x in (50.0, 280.0, 500.0))
 
@@ -61,11 +61,11 @@ def run(
     choose: Callable[[Sequence[Detection]], Detection] = lambda found: found[0],
     stop_after_s: float = 5.0,
     video_stops_after_s: float = 1e9,
-) -> list[Seen]:
+) -> list[TrackedBox]:
     drone = FakeDrone()
     video = FakeVideo(drone, stop_at_s=drone.t_s + video_stops_after_s)
     end_s = drone.t_s + stop_after_s
-    shown: list[Seen] = []
+    shown: list[TrackedBox] = []
     following(drone, People(people), tape, video, lambda: drone.t_s >= end_s).run(
         choose, 3.0, lambda seen, _: shown.append(seen)
     )

@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import pytest
 
-from gcs_plugin.component import Follow, Locate, Mark, NextCandidate
+from gcs_plugin.component import Follow, LocateOrder, Mark, NextCandidate
 from gcs_plugin.serve.vehicle import refusal
-from mission.drones.drone import Telemetry
 from mission.settings import CameraSettings, MissionSettings
+from mission.vehicle.drone import Telemetry
 
 SETTINGS = MissionSettings()
 FLYING = Telemetry(100.0, True, True, True, "HOLD", 0.8, 2.0, 0.5, True, True, 50.0)
 
 
 def test_an_aircraft_in_the_air_and_well_may_locate() -> None:
-    assert refusal(Locate(), FLYING, SETTINGS) == ""
+    assert refusal(LocateOrder(), FLYING, SETTINGS) == ""
 
 
 @pytest.mark.parametrize(
@@ -32,11 +32,11 @@ def test_an_aircraft_in_the_air_and_well_may_locate() -> None:
     ],
 )
 def test_one_that_could_not_is_refused_with_the_reason(telemetry: Telemetry, reason: str) -> None:
-    assert reason in refusal(Locate(), telemetry, SETTINGS)
+    assert reason in refusal(LocateOrder(), telemetry, SETTINGS)
 
 
 def test_an_unknown_battery_is_left_to_the_pilot_process() -> None:
-    assert refusal(Locate(), replace(FLYING, battery_fraction=None), SETTINGS) == ""
+    assert refusal(LocateOrder(), replace(FLYING, battery_fraction=None), SETTINGS) == ""
 
 
 def test_what_does_not_fly_needs_no_aircraft_in_the_air() -> None:
@@ -47,4 +47,4 @@ def test_what_does_not_fly_needs_no_aircraft_in_the_air() -> None:
 
 def test_an_operator_may_say_that_the_camera_is_not_on_the_gimbal() -> None:
     settings = SETTINGS.model_copy(update={"camera": CameraSettings(ignore_gimbal=True)})
-    assert refusal(Locate(), replace(FLYING, gimbal="MNT1_TYPE is 1"), settings) == ""
+    assert refusal(LocateOrder(), replace(FLYING, gimbal="MNT1_TYPE is 1"), settings) == ""

@@ -15,20 +15,20 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 from rich.console import Console
 
-from gcs_plugin.answer import Times
 from gcs_plugin.authority import Authority
 from gcs_plugin.component import CameraComponent, Identity
 from gcs_plugin.component.commands import CANCELLED
-from gcs_plugin.geotags import GeotagLog, read_geotags
-from gcs_plugin.serve.session import Crew, Session
+from gcs_plugin.geotags.log import GeotagLog, read_geotags
+from gcs_plugin.publish.publisher import Times
+from gcs_plugin.serve.session import ServeContext, ServeSession
 from mission.camera import Camera
 from mission.errors import LinkError, VideoError
 from mission.records import Frame
 from mission.settings import AnswerSettings, AuthoritySettings, MissionSettings, VideoSettings
 from mission.track import Track
 from mission.video import VideoSource, VideoState, VideoStats
-from tests.gcs_plugin.component.bench import PICTURE, Bench, Wire
-from tests.mission.fakes import CAMERA, FakeDrone, FakeVideo, Sight, Walker
+from tests.support.component_bench import PICTURE, Bench, Wire
+from tests.support.fakes import CAMERA, FakeDrone, FakeVideo, Sight, Walker
 
 USER_1, USER_2, USER_3, USER_4 = 31010, 31011, 31012, 31013
 ACCEPTED, TEMPORARILY_REJECTED, FAILED, IN_PROGRESS = 0, 1, 4, 5
@@ -102,7 +102,7 @@ class Service(Bench):
         self.no_video: VideoError | None = None
         self.camera_begins = Event()
         self.camera_begins.set()
-        self.crew = Crew(
+        self.crew = ServeContext(
             self.sight,
             GeotagLog(self.log),
             Console(file=self.printed, width=200),
@@ -132,7 +132,7 @@ class Service(Bench):
     def serve(self, satisfied: Callable[[], bool], *before: Step) -> None:
         """Until satisfied, after some steps before that."""
         self.end.steps = [*before, (satisfied, lambda: None)]
-        Session(self.crew, self.drone, self.wire, self.component).run()
+        ServeSession(self.crew, self.drone, self.wire, self.component).run()
         assert self.end.steps == []
 
     def then(self, result: tuple[int, int], *params: float, command: int = USER_1) -> Step:

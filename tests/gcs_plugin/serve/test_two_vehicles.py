@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from gcs_plugin.geotags import read_geotags
+from gcs_plugin.geotags.log import read_geotags
 from sitl.autopilot import Mode
-from tests.gcs_plugin.serve.station import until
-from tests.gcs_plugin.serve.two_vehicles import Pair, Trouble, kill, two_vehicles
+from tests.support.station import until
+from tests.support.two_vehicles import Pair, Trouble, kill, two_vehicles
 
 TROUBLES: tuple[Trouble, ...] = ("pilot killed", "video gone", "link cut")
 

@@ -5,7 +5,7 @@ import pytest
 
 from mission.camera import Mounting
 from mission.camera.mounting import rotation, wxyz
-from tests.mission.camera.panorama import level_pose, world_from_body
+from tests.support.panorama import level_pose, world_from_body
 
 
 def test_a_level_camera_looks_ahead_with_its_x_to_the_right() -> None:

@@ -11,7 +11,7 @@ import pytest
 from mission.detect import Detector, HogDetector, NanoDetDetector, make_detector
 from mission.detect.detector import crop, suppress
 from mission.records import Box, Detection
-from tests.mission.people import Shot, film, person
+from tests.support.people import Shot, film, person
 
 
 @pytest.fixture(scope="module")

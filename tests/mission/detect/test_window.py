@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission.detect.window import cut_window
-from tests.mission.people import film, person
+from tests.support.people import film, person
 
 BLANK = np.zeros((480, 640, 3), np.uint8)
 SIZE = (128, 160)

@@ -12,7 +12,7 @@ from mission.errors import EstimateRefused
 from mission.estimate import Batch
 from mission.estimate.bound import bound
 from mission.records import FlightSightings, NoiseModel, Sighting, TargetPrior, Vector
-from sitl.accuracy.flights import (
+from sitl.evaluation.accuracy.flights import (
     PAPER_CAMERA,
     Pattern,
     SimulatedFlight,
@@ -22,7 +22,7 @@ from sitl.accuracy.flights import (
     s_pattern,
     simulate,
 )
-from sitl.accuracy.people_flights import PeopleSetting, people_flight
+from sitl.evaluation.people.flights import PeopleSetting, people_flight
 
 WALKS = [(0.0, 0.0), (0.6, 0.0), (-0.6, 0.0), (0.0, 0.6), (0.0, -0.3), (0.42, 0.42), (-0.42, 0.42)]
 DEPTHS = [4.0, 7.25, 9.0, 15.0, 25.0]

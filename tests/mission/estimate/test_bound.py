@@ -10,7 +10,7 @@ import pytest
 from mission.errors import EstimateRefused
 from mission.estimate.bound import Bound, bound
 from mission.records import NoiseModel, TargetPrior
-from sitl.accuracy.flights import PAPER_CAMERA, Pattern, out_and_back, paper_pattern, s_pattern
+from sitl.evaluation.accuracy.flights import PAPER_CAMERA, Pattern, out_and_back, paper_pattern, s_pattern
 
 
 def of(

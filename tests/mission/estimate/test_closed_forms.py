@@ -11,7 +11,7 @@ import pytest
 from mission.errors import EstimateRefused
 from mission.estimate import ESTIMATORS, ConstantVelocity
 from mission.records import NoiseModel, TargetPrior
-from sitl.accuracy.flights import (
+from sitl.evaluation.accuracy.flights import (
     PAPER_BASELINES_M,
     Pattern,
     SimulatedFlight,

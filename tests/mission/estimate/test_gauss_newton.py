@@ -13,7 +13,7 @@ from mission.estimate.joint_model import JointModel, State
 from mission.estimate.observations import observe
 from mission.estimate.starts import find_starts
 from mission.records import NoiseModel, TargetPrior
-from sitl.accuracy.flights import Walk, out_and_back, simulate
+from sitl.evaluation.accuracy.flights import Walk, out_and_back, simulate
 
 
 def started(rate_hz: float, seed: int = 1, psd: float = 0.0) -> tuple[JointModel, State]:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from mission.errors import EstimateRefused
 from mission.estimate import ESTIMATORS
 from mission.records import Estimate, FlightSightings, Matrix, Sighting, Vector
-from sitl.accuracy.flights import Walk, out_and_back, s_pattern, simulate
+from sitl.evaluation.accuracy.flights import Walk, out_and_back, s_pattern, simulate
 
 EXAMPLES = settings(max_examples=8, deadline=None, derandomize=True)
 METHODS = st.sampled_from(sorted(ESTIMATORS))

@@ -12,7 +12,7 @@ from mission.estimate.joint_model import JointModel, State
 from mission.estimate.markov import gauss_markov, random_walk, white_noise_acceleration
 from mission.estimate.observations import observe
 from mission.records import FlightSightings, Matrix, NoiseModel, TargetPrior
-from sitl.accuracy.flights import PAPER_CAMERA, Walk, out_and_back, simulate
+from sitl.evaluation.accuracy.flights import PAPER_CAMERA, Walk, out_and_back, simulate
 
 TIMES = np.array([0.0, 0.1, 0.15, 0.6, 2.0, 2.05])
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from mission.estimate import Batch
-from mission.estimate.noise_fit import fit_noise, rescaled, supported
+from mission.estimate.noise_fit import fit_noise, rescaled, with_fitted_noise
 from mission.estimate.noise_likelihood import first_order_sigma, random_walk_intensity, smooth
 from mission.records import NoiseModel
-from sitl.accuracy.flights import Walk, out_and_back, s_pattern, simulate
+from sitl.evaluation.accuracy.flights import Walk, out_and_back, s_pattern, simulate
 
 GOOD = replace(NoiseModel(), heading_sigma_rad=0.0038, tilt_sigma_rad=0.0015, position_walk_m_per_sqrt_s=0.025)
 ROUGH = replace(NoiseModel(), heading_sigma_rad=0.025, tilt_sigma_rad=0.010, position_walk_m_per_sqrt_s=0.11)
@@ -61,7 +61,7 @@ def test_a_good_pose_is_believed_and_a_rough_one_is_not() -> None:
 
 def test_what_the_background_achieved_stands() -> None:
     flight = simulate(out_and_back(), Walk(8.0), np.random.default_rng(1), noise=STEADIED).flight
-    assert supported(flight, steadied=True) == flight
+    assert with_fitted_noise(flight, steadied=True) == flight
 
 
 def test_a_background_that_moves_widens_the_ellipse() -> None:

@@ -11,7 +11,7 @@ import pytest
 from mission.estimate import ESTIMATORS
 from mission.estimate.sightings_file import FlightProblem, read_flights, write_flight
 from mission.records import Estimate, FlightSightings, Vector
-from sitl.accuracy.flights import SimulatedFlight, Walk, out_and_back, simulate
+from sitl.evaluation.accuracy.flights import SimulatedFlight, Walk, out_and_back, simulate
 
 BATCH = ESTIMATORS["batch"]
 

@@ -16,7 +16,7 @@ from mission.estimate.joint_model import JointModel, State
 from mission.estimate.observations import observe
 from mission.estimate.sightings_file import FlightProblem, flight_lines, read_flights, write_flight
 from mission.records import Estimate, FlightSightings, NoiseModel, TargetPrior
-from sitl.accuracy.flights import PAPER_CAMERA, SimulatedFlight, Walk, out_and_back, paper_pattern, simulate
+from sitl.evaluation.accuracy.flights import PAPER_CAMERA, SimulatedFlight, Walk, out_and_back, paper_pattern, simulate
 
 BATCH = ESTIMATORS["batch"]
 GROUND_UP_M, HEIGHT_M = -4.0, 1.75

@@ -13,8 +13,8 @@ from mission.estimate import Batch
 from mission.estimate.passes import SAME_TARGET_CHI2, Passes, surprise
 from mission.estimate.sightings_file import FlightProblem, read_flights, write_flight
 from mission.records import Estimate, FlightSightings, Vector
-from sitl.accuracy.flights import SimulatedFlight, Walk, out_and_back
-from sitl.accuracy.repeated import repeated_passes
+from sitl.evaluation.accuracy.flights import SimulatedFlight, Walk, out_and_back
+from sitl.evaluation.accuracy.repeated import repeated_passes
 
 
 def procedure(seed: int, *, between_psd: float = 0.02, depth_m: float = 9.0) -> list[SimulatedFlight]:

@@ -21,7 +21,7 @@ from mission.estimate.sightings_file import (
     write_flight,
 )
 from mission.records import FlightSightings, NoiseModel, TargetPrior
-from sitl.accuracy.flights import Walk, out_and_back, simulate
+from sitl.evaluation.accuracy.flights import Walk, out_and_back, simulate
 
 FLIGHT = simulate(out_and_back(rate_hz=1.0), Walk(9.0), np.random.default_rng(0), name="first").flight
 HEADER, *SIGHTINGS = [json.loads(line) for line in flight_lines(FLIGHT)]

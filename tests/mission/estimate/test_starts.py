@@ -11,7 +11,7 @@ from mission.estimate import ConstantVelocity
 from mission.estimate.observations import observe
 from mission.estimate.starts import find_starts
 from mission.records import NoiseModel
-from sitl.accuracy.flights import Walk, out_and_back, simulate
+from sitl.evaluation.accuracy.flights import Walk, out_and_back, simulate
 
 RESTLESS = replace(
     NoiseModel(),

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from mission.gimbal.attitude_history import MAX_GAP_S, GimbalHistory
 from mission.gimbal.reading import GimbalReading, Reference
-from mission.pose import heading, world_from_body
+from mission.pose.buffer import heading, world_from_body
 from mission.records import Vector
 
 

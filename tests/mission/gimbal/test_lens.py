@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from mission.bundle import BundleSolution
+from mission.bundle.solution import not_adjusted
 from mission.camera import Camera, Mounting, read_camera, write_camera
-from mission.drones.make import make_drone
 from mission.errors import CalibrationInputError, SettingsError
-from mission.pose import Pose, world_from_body
+from mission.pose.buffer import Pose, world_from_body
 from mission.records import NoiseModel
 from mission.sighting import camera_position, cameras_at, level_mounting, world_from_camera
-from mission.steady import Steadied
-from mission.steady.steadied import not_steadied
+from mission.vehicle.make import make_drone
 
 FIXED = Camera.from_field_of_view(640, 480, 1.1, Mounting.tilted(0.0, (0.2, 0.0, 0.1)))
 GIMBALLED = replace(FIXED, gimbal="mavlink", gimbal_age_s=0.05)
@@ -81,8 +81,8 @@ def test_an_ardrone_has_no_gimbal() -> None:
 
 
 def test_north_is_told_where_the_flight_tells_it() -> None:
-    base = not_steadied(NoiseModel(), "")
+    base = not_adjusted(NoiseModel(), "")
     found = replace(base, reason=None, north_rad=math.radians(6.0), north_sigma_rad=math.radians(0.5), poses=())
-    assert isinstance(found, Steadied)
+    assert isinstance(found, BundleSolution)
     assert "+6.0 degrees off (+-0.5)" in replace(found, still_share=1.0).note()
     assert "degrees off" not in replace(found, north_rad=math.radians(1.0)).note()

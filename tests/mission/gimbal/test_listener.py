@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
 
 from mission.gimbal.listener import SILENT_S, GimbalListener
-from mission.pose import heading, world_from_body
+from mission.pose.buffer import heading, world_from_body
 from mission.records import NoiseModel, Vector
 
 FLAGS = 4 + 8 + 64

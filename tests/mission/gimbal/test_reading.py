@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from mission.gimbal.attitude_history import in_world
 from mission.gimbal.reading import GimbalReading, from_device_status, from_mount_orientation, from_mount_status
-from mission.pose import world_from_body
+from mission.pose.buffer import world_from_body
 from mission.records import Vector
 
 LEVEL, LOCK, NOSE, NORTH = 4 + 8, 16, 32, 64

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from mission.errors import LogError
 from mission.logs import read_log
-from mission.pose import heading
+from mission.pose.buffer import heading
 from tests.mission.logs.test_damaged import read_or_refused
 
 # One line of each family; {lat} and {lon} advance by a metre or so from cue to cue.

@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from mission.errors import LogError
 from mission.logs import PoseLog, read_log
-from mission.pose import heading
+from mission.pose.buffer import heading
 from mission.records import Vector
 from sitl.recorded.log_files import write_csv, write_dataflash, write_dji_srt, write_tlog, write_ulog
 from sitl.recorded.reports import Reports
-from tests.mission.tlog import ARDUCOPTER, PX4
+from tests.support.tlog import ARDUCOPTER, PX4
 
 RATE_HZ = 20.0
 TILT = math.radians(20.0)

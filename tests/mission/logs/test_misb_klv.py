@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from mission.errors import LogError
 from mission.logs import read_log
 from mission.logs.klv_local_set import KlvError, packets, parse_local_set
-from mission.pose import heading
+from mission.pose.buffer import heading
 from sitl.recorded.klv_stream import local_set, write_transport_stream
 from tests.mission.logs.test_kinds import TILT, flight
 

@@ -12,7 +12,7 @@ from mission.camera.model import CameraModel
 from mission.camera.mounting import Mounting
 from mission.observation.candidates import Candidate, Look, candidates
 from mission.observation.worth import best_part
-from mission.pose import Pose, PoseAt, world_from_body
+from mission.pose.buffer import Pose, PoseAt, world_from_body
 from mission.records import Box, Detection, NoiseModel, TargetPrior, Vector
 from mission.sighting import camera_position, world_from_camera
 

@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mission.camera.background import Turn
 from mission.camera.camera import Camera
 from mission.camera.mounting import Mounting
 from mission.errors import LogError
@@ -19,6 +18,7 @@ from mission.observation.self_calibration import find_tilt
 from mission.observation.time_search import find_time
 from mission.records import GeodeticOrigin, NoiseModel, Vector
 from mission.sighting import world_from_camera
+from mission.timing.background_rotation import Turn
 
 TILT = math.radians(15.0)
 CAMERA = Camera.from_field_of_view(640, 480, 1.1, Mounting.tilted(TILT))

@@ -13,15 +13,15 @@ import pytest
 import sitl
 from mission.detect import NanoDetDetector
 from mission.detect.nanodet import NanoDet
-from mission.pose import world_from_body
+from mission.pose.buffer import world_from_body
 from mission.records import Frame, Image
 from mission.track import Tracker
 from mission.video.square import square_camera
 from sitl.camera.airframe import body_from_camera
 from sitl.camera.renderer import CameraPose, Renderer, matrix_from_wxyz
 from sitl.camera.view import PersonView, view_person
-from sitl.scenario import read_scenario
-from sitl.simulation import camera_of
+from sitl.scenario.schema import read_scenario
+from sitl.simulation.processes import camera_of
 
 NEAR = Path(sitl.__file__).parent / "scenarios" / "ardrone" / "stationary-2-75.toml"
 

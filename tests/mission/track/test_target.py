@@ -9,7 +9,7 @@ import pytest
 
 from mission.records import Box
 from mission.track.crowd import Body, Crowd
-from mission.track.measure import Extent
+from mission.track.detections import BodyDetection
 from mission.track.motion import Motion
 from mission.track.target import Target
 from mission.track.walk import Seen
@@ -20,11 +20,11 @@ PLACE = (320.0, 240.0)
 
 def body(
     x: float = PLACE[0], top: float = 140.0, bottom: float = 340.0, *, head: bool = True, feet: bool = True
-) -> Extent:
+) -> BodyDetection:
     """A body in an upright camera's picture."""
     middle = (x, 0.5 * (top + bottom))
     box = Box(x - 30.0, top, 60.0, bottom - top)
-    return Extent(middle, (x, top), (x, bottom), bottom - top, 0.8, head, feet, True, box)
+    return BodyDetection(middle, (x, top), (x, bottom), bottom - top, 0.8, head, feet, True, box)
 
 
 def target() -> Target:
@@ -44,7 +44,9 @@ def target() -> Target:
     ],
     ids=["whole", "feet-out", "head-out", "both-out"],
 )
-def test_the_middle_comes_from_the_end_that_is_in_the_picture(seen: Extent, middle: tuple[float, float] | None) -> None:
+def test_the_middle_comes_from_the_end_that_is_in_the_picture(
+    seen: BodyDetection, middle: tuple[float, float] | None
+) -> None:
     assert seen.middle(HEIGHT, 0.0) == middle
 
 
@@ -55,7 +57,7 @@ def test_the_middle_of_half_a_body_lies_along_the_rolled_upright() -> None:
     top, bottom = ((float(end[0]), float(end[1])) for end in ends)
     box = Box(0.0, 0.0, 1.0, 1.0)
     for head in (True, False):
-        seen = Extent((0.0, 0.0), top, bottom, 120.0, 0.8, head, not head, True, box)
+        seen = BodyDetection((0.0, 0.0), top, bottom, 120.0, 0.8, head, not head, True, box)
         assert seen.middle(HEIGHT, roll) == pytest.approx(PLACE)
 
 
@@ -65,7 +67,7 @@ def test_half_a_body_may_be_the_target_by_its_visible_end() -> None:
     assert not target().may_be(body(top=230.0, bottom=460.0, head=False), 0.0), "feet far too low"
 
 
-def around(height: float) -> Extent:
+def around(height: float) -> BodyDetection:
     return body(top=240.0 - 0.5 * height, bottom=240.0 + 0.5 * height)
 
 

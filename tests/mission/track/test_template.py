@@ -8,7 +8,7 @@ import pytest
 from mission.detect.window import Window, cut_window
 from mission.track.appearance import adapted, colours, likeness
 from mission.track.template import Template
-from tests.mission.people import Shot, film, person
+from tests.support.people import Shot, film, person
 
 SIZE = (128, 224)
 MIDDLE = np.array([64.0, 112.0])

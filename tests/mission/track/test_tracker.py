@@ -11,7 +11,7 @@ from mission.detect.nanodet import NanoDet
 from mission.errors import DetectionError
 from mission.records import Box, Frame
 from mission.track import Track, Tracker
-from tests.mission.people import Shot, film, hidden, person
+from tests.support.people import Shot, film, hidden, person
 
 BLUE = 'clothes = { shirt = "#3050b0", trousers = "#303030" }\n'
 RED = 'clothes = { shirt = "#b03030", trousers = "#404a40" }\n'

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from av.video.codeccontext import VideoCodecContext
 
-from mission.drones.ardrone.pave import FrameType, PaveFrame
 from mission.errors import VideoError
+from mission.vehicle.ardrone.pave import FrameType, PaveFrame
 from mission.video import VideoSource, VideoState, open_video
 from mission.video.ardrone import BEHIND, MOST_WAITING, Arrived, FrameQueue
 

@@ -13,7 +13,7 @@ from mission.errors import VideoError
 from mission.records import Frame
 from mission.video import VideoSource, VideoState, open_video
 from mission.video.ffmpeg import is_live
-from tests.mission.video.streams import Sender, free_port, number, numbered, write_file
+from tests.support.video_streams import Sender, free_port, number, numbered, write_file
 
 
 @pytest.fixture(scope="module")

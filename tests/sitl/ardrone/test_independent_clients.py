@@ -12,7 +12,7 @@ from av.video.codeccontext import VideoCodecContext
 
 from mission.records import Image
 from sitl.ardrone.video import VideoFormat, VideoServer
-from tests.sitl.ardrone.live import ANY_PORTS, bar_picture, flying, until
+from tests.support.live_ardrone import ANY_PORTS, bar_picture, flying, until
 
 HOVERING = 4
 

@@ -13,7 +13,7 @@ import pytest
 from sitl.ardrone.config import ArdroneConfig
 from sitl.ardrone.process import start_ardrone
 from sitl.ardrone.server import ArdroneServer, Ports
-from tests.sitl.ardrone.live import ANY_PORTS, flying, until
+from tests.support.live_ardrone import ANY_PORTS, flying, until
 
 BOOTSTRAP, COMMAND, LOST = 1 << 11, 1 << 6, 1 << 13
 

@@ -12,10 +12,10 @@ import pytest
 
 from mission.camera import read_camera
 from sitl.ardrone import ArdroneProcess, config_of
-from sitl.scenario import Scenario, parse_scenario, read_scenario
-from sitl.simulation import camera_of, simulation
-from tests.sitl.ardrone.live import until
+from sitl.scenario.schema import Scenario, parse_scenario, read_scenario
+from sitl.simulation.processes import camera_of, simulation
 from tests.sitl.ardrone.test_server import Wire
+from tests.support.live_ardrone import until
 
 SCENARIO = """
 name = "ardrone-small"

@@ -18,7 +18,7 @@ from sitl.ardrone.camera import video_format
 from sitl.ardrone.configuration import Configuration
 from sitl.ardrone.pave import FrameType, Pave, nal_type, nal_units
 from sitl.ardrone.video import MOST_WAITING_BYTES, Encoder, VideoFormat, VideoServer
-from tests.sitl.ardrone.live import bar_picture, until
+from tests.support.live_ardrone import bar_picture, until
 
 FORM = VideoFormat(height_px=360, fps=10.0)
 

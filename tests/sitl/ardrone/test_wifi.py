@@ -7,8 +7,8 @@ import time
 
 from sitl.ardrone.wifi import bad_wifi
 from sitl.faults.relay import LinkFaults
-from tests.sitl.ardrone.live import ANY_PORTS, flying, until
 from tests.sitl.ardrone.test_server import BOOTSTRAP, Wire
+from tests.support.live_ardrone import ANY_PORTS, flying, until
 
 FAULTS = LinkFaults(loss=0.2, duplicate=0.1, reorder=0.1)
 

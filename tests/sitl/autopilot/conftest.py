@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from sitl.autopilot.config import AutopilotConfig, FlavourName
-from tests.sitl.autopilot.bench import Bench
+from tests.support.autopilot_bench import Bench
 
 
 @pytest.fixture(params=["px4", "ardupilot"])

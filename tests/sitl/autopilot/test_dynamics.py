@@ -11,7 +11,7 @@ import pytest
 from sitl.autopilot.airframe import Wind
 from sitl.autopilot.config import AutopilotConfig, FlavourName
 from sitl.autopilot.estimate_errors import NoiseName
-from tests.sitl.autopilot.bench import Bench, setpoint, velocity_step
+from tests.support.autopilot_bench import Bench, setpoint, velocity_step
 
 
 def lateral_track(flavour: FlavourName, noise: NoiseName, seed: int) -> tuple[float, float, float, float, float]:

@@ -9,9 +9,9 @@ import pytest
 
 from sitl.autopilot.config import AutopilotConfig, FlavourName
 from sitl.autopilot.estimate_errors import PRESETS, EstimateErrors, NoiseName, NoisePreset, preset_of
-from sitl.wide_family import MultipathStep
-from tests.sitl.autopilot.bench import Bench
-from tests.sitl.autopilot.recorded import Errors, drift, recorded_errors
+from sitl.autopilot.wide_family import MultipathStep
+from tests.support.autopilot_bench import Bench
+from tests.support.recorded_errors import Errors, drift, recorded_errors
 
 SEEDS = range(10)
 

@@ -9,11 +9,11 @@ from pymavlink.dialects.v20 import all as mavlink
 from scipy.spatial.transform import Rotation
 
 from mission.gimbal.listener import GimbalListener
-from mission.pose import PoseBuffer, world_from_body
+from mission.pose.buffer import PoseBuffer, world_from_body
 from mission.records import Vector
 from sitl.autopilot.config import AutopilotConfig, FlavourName
 from sitl.autopilot.gimbal_settings import GimbalSettings, Tells
-from tests.sitl.autopilot.bench import Bench, Peer
+from tests.support.autopilot_bench import Bench, Peer
 
 STATUS: int = mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
 PITCH_YAW, CONFIGURE = mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE

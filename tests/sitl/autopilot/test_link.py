@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.autopilot.config import AutopilotConfig
 from sitl.autopilot.telemetry import BUILDERS, build, sends
-from tests.sitl.autopilot.bench import Bench, Peer, setpoint
+from tests.support.autopilot_bench import Bench, Peer, setpoint
 
 ATTITUDE: int = mavlink.MAVLINK_MSG_ID_ATTITUDE
 

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.autopilot.config import AutopilotConfig
 from sitl.autopilot.flavour import Mode
-from tests.sitl.autopilot.bench import Bench, setpoint, velocity_step
+from tests.support.autopilot_bench import Bench, setpoint, velocity_step
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM

@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from sitl.autopilot.flavour import Mode
-from tests.sitl.autopilot.bench import Bench, Peer
+from tests.support.autopilot_bench import Bench, Peer
 
 ACCEPTED: int = mavlink.MAV_MISSION_ACCEPTED
 RELATIVE: int = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT

@@ -12,7 +12,7 @@ from sitl.autopilot.flavour import ARDUPILOT, PX4
 from sitl.autopilot.flight_controller import EstimatedState
 from sitl.autopilot.local_frame import LocalFrame
 from sitl.autopilot.setpoint import global_setpoint, local_setpoint
-from tests.sitl.autopilot.bench import IGNORE_POSITION, IGNORE_YAW_RATE, setpoint
+from tests.support.autopilot_bench import IGNORE_POSITION, IGNORE_YAW_RATE, setpoint
 
 STATE = EstimatedState((10.0, 20.0, 30.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), math.pi / 2)
 """Heading east."""

@@ -13,7 +13,7 @@ from mission.records import GeodeticOrigin
 from sitl.autopilot import telemetry
 from sitl.autopilot.airframe import Wind
 from sitl.autopilot.config import AutopilotConfig
-from tests.sitl.autopilot.bench import Bench
+from tests.support.autopilot_bench import Bench
 
 GLOBAL: int = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import sitl
-from mission.camera.wall import MarkerWall
+from mission.calibration.wall import MarkerWall
 from sitl.camera.airframe import body_from_camera, level_world_from_body_wxyz
 from sitl.camera.renderer import CameraPose, Renderer, matrix_from_wxyz
-from sitl.scenario import read_scenario
-from sitl.simulation import camera_of
+from sitl.scenario.schema import read_scenario
+from sitl.simulation.processes import camera_of
 
 WALL = Path(sitl.__file__).parent / "scenarios" / "ardrone-wall" / "wall.toml"
 

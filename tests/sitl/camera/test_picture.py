@@ -10,10 +10,10 @@ import pytest
 from mission.records import Image, Vector
 from sitl.camera.airframe import body_from_camera, level_world_from_body_wxyz
 from sitl.camera.lens import project, undistort
-from sitl.camera.rasterizer import Batch
+from sitl.camera.rasterizer import TriangleBatch
 from sitl.camera.renderer import CameraPose, Renderer, matrix_from_wxyz
 from sitl.camera.view import view_person
-from sitl.scenario import Scenario, parse_scenario
+from sitl.scenario.schema import Scenario, parse_scenario
 
 LENS = (
     "distortion = { k1 = -0.12, k2 = 0.03, p1 = 0.001, p2 = -0.0008 }\nfx = 500.0\nfy = 505.0\ncx = 326.0\ncy = 235.0\n"
@@ -32,13 +32,13 @@ def pose(heading: float = 0.0, tilt: float = 0.0, height_m: float = 8.0) -> Came
     return CameraPose(np.array([0.5, -0.3, height_m]), rotation)
 
 
-def marker(place: Vector, view: CameraPose) -> Batch:
+def marker(place: Vector, view: CameraPose) -> TriangleBatch:
     """A white square of about 12 px that faces the camera."""
     right, down = 0.07 * view.world_from_camera[:, 0], 0.07 * view.world_from_camera[:, 1]
     corners = np.array([place - right - down, place + right - down, place + right + down, place - right + down])
     triangles = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     white = np.full((8, 8, 3), 255, np.uint8)
-    return Batch(corners, triangles, np.zeros((4, 2)), np.full((4, 4), 255, np.uint8), white)
+    return TriangleBatch(corners, triangles, np.zeros((4, 2)), np.full((4, 4), 255, np.uint8), white)
 
 
 def places(view: CameraPose, settings: Scenario) -> Vector:

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from mission.errors import VideoError
+from sitl.aircraft.truth import TruthRing, VehicleTruth
 from sitl.camera import CameraProcess, start_camera
 from sitl.camera.airframe import flies_sideways, level_world_from_body_wxyz
-from sitl.scenario import parse_scenario
-from sitl.truth import TruthRing, VehicleTruth
+from sitl.scenario.schema import parse_scenario
 
 pytestmark = pytest.mark.flight
 """A camera in real time wants the machine for itself."""
@@ -167,7 +167,7 @@ def test_a_camera_without_truth_does_not_start() -> None:
 ORPHAN = """
 import os, sys
 from sitl.camera import start_camera
-from sitl.scenario import parse_scenario
+from sitl.scenario.schema import parse_scenario
 if __name__ == "__main__":
     print(start_camera(parse_scenario('name = "a"\\nscenery = false'), sys.argv[1], sys.argv[2]).pid, flush=True)
     os._exit(1)

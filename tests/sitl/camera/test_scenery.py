@@ -8,8 +8,8 @@ import numpy as np
 
 import sitl
 from sitl.camera.scenery import scenery
-from sitl.scenario import Scenario, read_scenario
-from sitl.world import World
+from sitl.people.world import World
+from sitl.scenario.schema import Scenario, read_scenario
 
 SCENARIOS = Path(sitl.__file__).parent / "scenarios"
 

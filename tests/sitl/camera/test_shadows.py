@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from mission.records import Vector
-from sitl.body import Body
 from sitl.camera.airframe import body_from_camera, level_world_from_body_wxyz
 from sitl.camera.lens import project
 from sitl.camera.mesh import sun_direction
 from sitl.camera.renderer import CameraPose, Renderer, matrix_from_wxyz
 from sitl.camera.shadows import Cast, Shadows
-from sitl.scenario import parse_scenario
-from sitl.scene import Light
-from sitl.world import World
+from sitl.people.body import Body
+from sitl.people.world import World
+from sitl.scenario.scene import Light
+from sitl.scenario.schema import parse_scenario
 
 PERSON = "[[people]]\ndistance_m = 6.0\nbearing_deg = 0.0\n"
 SUNNY = """name = "a"

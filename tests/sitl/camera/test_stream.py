@@ -12,7 +12,7 @@ import pytest
 from mission.errors import VideoError
 from sitl.camera.stream import VideoSender
 from sitl.camera.textures import noise
-from sitl.scenario import parse_scenario
+from sitl.scenario.schema import parse_scenario
 
 CAMERA = parse_scenario('name = "a"\n[camera]\nwidth_px = 320\nheight_px = 240\nfps = 20.0').camera
 

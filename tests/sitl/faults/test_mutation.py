@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from mission.drones.framing import decode, frames
+from mission.vehicle.mavlink.framing import decode, frames
 from sitl.faults import FrameMutator, dialect_frames
 
 

@@ -1,0 +1,1 @@
+"""A flight's folder and its pictures."""

@@ -1,0 +1,1 @@
+"""Geotags, and the log in which an acknowledged one survives a crash and a full disk."""

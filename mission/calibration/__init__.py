@@ -1,0 +1,1 @@
+"""Measuring a camera: intrinsics, latency, and the baseline table of an aircraft without GPS."""

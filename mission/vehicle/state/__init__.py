@@ -1,0 +1,1 @@
+"""What an autopilot reports of itself, gathered from its messages."""

@@ -1,0 +1,1 @@
+"""The paper's rows on its own aircraft."""

@@ -1,0 +1,1 @@
+"""The field's other methods, on the same sightings."""

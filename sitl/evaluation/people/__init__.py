@@ -1,0 +1,1 @@
+"""Whether the ellipse is true for people as they walk."""

@@ -1,0 +1,1 @@
+"""Simulated people: bodies, gaits, and where they walk."""

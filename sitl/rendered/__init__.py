@@ -1,6 +1,0 @@
-"""Whole flights past a person without real time: motion, telemetry, camera and video codec in lockstep."""
-
-from sitl.rendered.case import Case, SceneName, drawn_cases
-from sitl.rendered.flight import Moment, RenderedFlight, flights
-
-__all__ = ["Case", "Moment", "RenderedFlight", "SceneName", "drawn_cases", "flights"]

@@ -1,0 +1,1 @@
+"""A scenario brought to life, flown and scored."""
