@@ -73,12 +73,17 @@ class Console:
             self.server.desk.turn()
         self.server.desk.detach()
 
+    def offer(self, index: int) -> None:
+        """A picture as the flight's loop offers it."""
+        image = np.full((48, 64, 3), index % 255, np.uint8)
+        self.server.desk.frame(Frame(image, time.monotonic(), index), None)
+
     def picture(self, index: int) -> int:
         """Publish a picture; its number."""
         desk = self.server.desk
         assert until(lambda: desk.pictures.wanted)  # the page's connection has been taken up
         before = desk.pictures.newest
-        desk.frame(Frame(np.full((48, 64, 3), index % 255, np.uint8), time.monotonic(), index), None)
+        self.offer(index)
         assert until(lambda: desk.pictures.newest is not before)
         assert desk.pictures.newest is not None
         return desk.pictures.newest.id

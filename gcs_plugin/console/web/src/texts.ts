@@ -2,7 +2,7 @@
 export const TEXTS = {
   video: "Live video",
   picture: "Live video. Tap a person or drag a box around one. With the keyboard: N goes through the people, Enter marks, L locates.",
-  map: "Map",
+  map: "The map with drone and targets",
   targets: "Targets",
   noTargets: "Nobody has been located yet. Tap a person in the video, then press Locate.",
   export: "Export",

@@ -18,7 +18,7 @@ export class VideoPane {
   private shown = 0;
   private shownAt = 0;
   private people: { picture: number; boxes: Fractions[]; at: number } = { picture: 0, boxes: [], at: 0 };
-  private from: { x: number; y: number; picture: number } | null = null;
+  private from: { x: number; y: number; picture: number; person: number } | null = null;
   private chosen = -1;
   age = Infinity;
   private mark: Mark | null = null;
@@ -109,7 +109,7 @@ export class VideoPane {
       if (!button) {
         button = document.createElement("button");
         button.type = "button";
-        button.onclick = () => this.markPerson(index);
+        button.onclick = (event) => event.detail === 0 && this.markPerson(index); // by the keyboard; else see up()
         this.boxes.append(button);
       }
       button.classList.toggle("chosen", index === this.chosen);
@@ -152,16 +152,17 @@ export class VideoPane {
   }
 
   private down(event: PointerEvent): void {
-    if (event.button !== 0 || (event.target as HTMLElement).closest("#boxes button") || !this.shown) return;
+    if (event.button !== 0 || !this.shown) return;
+    const person = [...this.boxes.children].indexOf((event.target as HTMLElement).closest("#boxes button") ?? this.boxes);
     const at = this.point(event);
     if (at.x < 0 || at.x > 1 || at.y < 0 || at.y > 1) return;
-    this.from = { ...at, picture: this.shown };
+    this.from = { ...at, picture: this.shown, person };
     this.view.setPointerCapture(event.pointerId);
     event.preventDefault();
   }
 
   private move(event: PointerEvent): void {
-    if (!this.from) return;
+    if (!this.from || this.isTap(this.between(this.point(event)))) return;
     this.put(this.drag, this.between(this.point(event)));
     this.drag.hidden = false;
   }
@@ -171,9 +172,14 @@ export class VideoPane {
     if (!from) return;
     const box = this.between(this.point(event));
     this.from = null;
-    const tap = box[2] - box[0] < CLICK && box[3] - box[1] < CLICK;
-    this.set({ picture: from.picture, box: tap ? [from.x, from.y, from.x, from.y] : box });
+    const tap = this.isTap(box);
+    if (tap && from.person >= 0) this.markPerson(from.person);
+    else this.set({ picture: from.picture, box: tap ? [from.x, from.y, from.x, from.y] : box });
     this.drag.classList.toggle("tap", tap);
+  }
+
+  private isTap(box: Fractions): boolean {
+    return box[2] - box[0] < CLICK && box[3] - box[1] < CLICK;
   }
 
   private cancel(): void {
