@@ -10,6 +10,7 @@ from importlib.metadata import version
 
 from gcs_plugin.cot.publisher import TakPublisher
 from gcs_plugin.flight_report.flight_folder import FlightFolder
+from gcs_plugin.flight_recording import FlightRecording
 from gcs_plugin.geotags.log import GeotagLog, Provenance
 from gcs_plugin.publish.messages import Link
 from gcs_plugin.publish.publisher import AnswerPublisher, Times
@@ -117,6 +118,7 @@ class LocateSession:
         self._choice = choice
         self._flight_id = f"{folder.path.name}-{uuid.uuid4().hex[:8]}"
         self._times = times
+        self._folder = folder.path
         self.answer = AnswerPublisher(
             equipment.drone,
             equipment.link,
@@ -140,9 +142,10 @@ class LocateSession:
             SidestepError: there is no answer, see `mission.procedure.locate.Locate.run`; why is kept.
         """
         parts = self._equipment
+        recording = self._recording()
         procedure = Locate(
-            parts.drone,
-            parts.video,
+            parts.drone if recording is None else recording.drone,
+            parts.video if recording is None else recording.source,
             parts.camera,
             parts.detector,
             parts.tracker,
@@ -156,3 +159,22 @@ class LocateSession:
         except SidestepError as error:
             self.answer.failed(error)
             raise
+        finally:
+            if recording is not None:
+                recording.finish()
+
+    def _recording(self) -> FlightRecording | None:
+        if not self._settings.record.video:
+            return None
+        parts, times = self._equipment, self._times
+        return FlightRecording(
+            self._folder,
+            self._flight_id,
+            parts.drone,
+            parts.video,
+            parts.camera,
+            self._settings,
+            self._choice,
+            times.clock,
+            lambda t_s: times.utc_of(t_s).timestamp(),
+        )

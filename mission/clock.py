@@ -96,6 +96,19 @@ class ClockMap:
             raise ValueError("no message of the remote clock was observed yet")
         return (local_s - self._offset_s + self._drift * self._anchor_s) / (1.0 + self._drift)
 
+    @property
+    def line(self) -> tuple[float, float, float]:
+        """Offset, drift, and the remote time at which the offset holds: all that `to_local` and `to_remote` use."""
+        return self._offset_s, self._drift, self._anchor_s
+
+    @classmethod
+    def on_line(cls, line: tuple[float, float, float]) -> ClockMap:
+        """A map with such a line, as it was known at one moment."""
+        made = cls()
+        made._offset_s, made._drift, made._anchor_s = line
+        made._buckets.append(_Bucket(0, line[2], line[0]))
+        return made
+
     def _drop_old(self) -> None:
         newest = self._buckets[-1].index
         while newest - self._buckets[0].index > self._window_s / _BUCKET_S:

@@ -236,6 +236,13 @@ When = Literal["never", "on-request", "automatic"]
 """When something is given to the autopilot."""
 
 
+class RecordSettings(_Section):
+    """What is kept of a flight for later."""
+
+    video: bool = Field(False, description="keep video and telemetry as received, so that the flight can be replayed")
+    max_mb: float = Field(500.0, gt=1.0, le=100_000.0, description="of one flight's video, at most; telemetry likewise")
+
+
 class AnswerSettings(_Section):
     """What happens with the answer."""
 
@@ -343,6 +350,7 @@ class MissionSettings(_Section):
     limits: LimitSettings = LimitSettings()
     prior: PriorSettings = PriorSettings()
     answer: AnswerSettings = AnswerSettings()
+    record: RecordSettings = RecordSettings()
     orders: OrderSettings = OrderSettings()
     authority: AuthoritySettings = AuthoritySettings()
     tak: TakSettings = TakSettings()

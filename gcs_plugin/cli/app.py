@@ -27,6 +27,8 @@ COMMANDS = (
     "draw",
     "reprocess",
     "archive",
+    "replay",
+    "replay",
     "actions",
     "settings",
 )

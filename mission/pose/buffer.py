@@ -112,6 +112,19 @@ class PoseBuffer:
         largest = [float(steps.max(initial=0.0)) for steps in (lengths, turns)]
         return Steps(largest[0], largest[1], len(lengths) + len(turns))
 
+    def rows(self) -> tuple[Matrix, Matrix]:
+        """All that is stored, a row a message: time and value of the positions (n, 7), and of the attitudes (m, 6)."""
+        with self._lock:
+            return self._positions.rows(6), self._attitudes.rows(5)
+
+    @classmethod
+    def of_rows(cls, positions: Matrix, attitudes: Matrix, max_gap_s: float = 0.3) -> PoseBuffer:
+        """A buffer that stores just these `rows`, bit for bit."""
+        made = cls(max_gap_s)
+        made._positions.set_rows(positions)
+        made._attitudes.set_rows(attitudes)
+        return made
+
     def clear(self) -> None:
         """Forget everything, for example after the remote clock was restarted."""
         with self._lock:
@@ -170,6 +183,14 @@ class _Stream:
             del self.times[:first]
             del self.values[:first]
         return True
+
+    def rows(self, columns: int) -> Matrix:
+        if not self.times:
+            return np.zeros((0, 1 + columns))
+        return np.column_stack([np.array(self.times), np.array(self.values)])
+
+    def set_rows(self, rows: Matrix) -> None:
+        self.times, self.values = rows[:, 0].tolist(), list(rows[:, 1:])
 
     def keep_for(self, keep_s: float, max_messages: int) -> None:
         self._keep_s, self._max = max(self._keep_s, keep_s), max(self._max, max_messages)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from mission.clock import ClockMap
@@ -22,6 +24,18 @@ class PoseHistory:
     """(3, 3), about the body's forward, right and down axes."""
     gimbal: GimbalAt | None = None
     """Where the camera is on a gimbal."""
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, Matrix]) -> PoseHistory:
+        """From stored `PoseBuffer.rows`, `ClockMap.line` (not numbers where nothing was heard) and covariances.
+
+        Args:
+            arrays: positions, attitudes, clock, position_covariance, attitude_covariance.
+        """
+        line = arrays["clock"].tolist()
+        clock = ClockMap() if math.isnan(line[0]) else ClockMap.on_line((line[0], line[1], line[2]))
+        poses = PoseBuffer.of_rows(arrays["positions"], arrays["attitudes"])
+        return cls(poses, clock, arrays["position_covariance"], arrays["attitude_covariance"])
 
     def at(self, t_s: float) -> Pose | None:
         """The pose at a program time; None where it was not known at the moment of the snapshot."""

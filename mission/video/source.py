@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Literal, Protocol
 
 import av.error
@@ -22,6 +23,7 @@ from mission.records import Frame, Image
 from mission.vehicle.ardrone.url import is_ardrone
 from mission.video.ardrone import open_ardrone_video
 from mission.video.ffmpeg import Input, explain, is_live, missing_file, open_input
+from mission.video.recorder import PacketRecorder, Recording
 from mission.video.stats import VideoState, VideoStats
 from mission.video.timeline import Arrivals, LiveTimeline, RecordedTimeline, Timeline
 
@@ -133,6 +135,7 @@ class _StreamVideo:
         self._failure = explain(url, TimeoutError(), self._live)
         self._error = self._note = self._codec = ""
         self._size: tuple[int, int] | None = None
+        self._recorder = PacketRecorder()
         self._thread = threading.Thread(target=self._run, name="video", daemon=True)
         self._thread.start()
 
@@ -192,6 +195,14 @@ class _StreamVideo:
         # Inside FFmpeg the thread notices only at the next packet or time-out; nobody needs to wait for that.
         self._thread.join(_CLOSE_S)
 
+    def start_recording(self, path: Path, max_bytes: int) -> None:
+        """See `mission.video.recorder.Recordable`; nothing is kept of a file, which is there already."""
+        self._recorder.start(path, max_bytes)
+
+    def stop_recording(self) -> Recording | None:
+        """See `mission.video.recorder.Recordable`."""
+        return self._recorder.stop()
+
     def _fresh(self, after_index: int) -> Frame | None:
         return self._newest if self._newest is not None and self._newest.index > after_index else None
 
@@ -244,8 +255,11 @@ class _StreamVideo:
             timeline = RecordedTimeline(opened_s if self._start_s is None else self._start_s, source.frame_s)
         arrivals = Arrivals()
         first_t_s: float | None = None
+        self._recorder.new_stream()
         for packet in source.container.demux(source.stream):
             arrived_s = self._clock()
+            if self._live:
+                self._recorder.take(packet, source.stream, self._decoded)
             if packet.pts is not None and packet.time_base is not None:
                 arrivals.note(float(packet.pts * packet.time_base), arrived_s)
             began_s = time.perf_counter()

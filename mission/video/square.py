@@ -9,12 +9,15 @@ better: fx and fy in pixels are the same length, so the picture is brought back 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
 
 from mission.camera.camera import Camera
 from mission.records import Box, Frame
+from mission.video.recorder import Recordable, Recording
 from mission.video.source import VideoSource
 from mission.video.stats import VideoStats
 
@@ -75,6 +78,15 @@ class SquareVideo:
     def stats(self) -> VideoStats:
         """See `VideoSource.stats`."""
         return self._source.stats()
+
+    def start_recording(self, path: Path, max_bytes: int) -> None:
+        """Of the pictures as they come, where the source can."""
+        if hasattr(self._source, "start_recording"):
+            cast(Recordable, self._source).start_recording(path, max_bytes)
+
+    def stop_recording(self) -> Recording | None:
+        """See `mission.video.recorder.Recordable`."""
+        return cast(Recordable, self._source).stop_recording() if hasattr(self._source, "stop_recording") else None
 
     def close(self) -> None:
         """See `VideoSource.close`."""

@@ -86,6 +86,7 @@ class MavlinkDrone(PilotedDrone):
         self._gimbal_age_s = gimbal_age_s
         self._link: MavlinkLink | None = None
         self._rates: MessageRates | None = None
+        self._tapper: Callable[[bytes, float], None] | None = None
         self._reset()
 
     def _reset(self) -> None:
@@ -212,6 +213,10 @@ class MavlinkDrone(PilotedDrone):
             self._link = None
         self._rates = None
 
+    def tap(self, taker: Callable[[bytes, float], None] | None) -> None:
+        """Hand every frame that is received to `taker`, in the link's thread, until another one or None is given."""
+        self._tapper = taker
+
     def keep_alive(self) -> None:
         """Tell the pilot process that the program's loop is alive, and keep the poses coming."""
         super().keep_alive()
@@ -276,6 +281,9 @@ class MavlinkDrone(PilotedDrone):
     def _look_at(self, message_id: int, frame: bytes, arrived_s: float) -> bool:
         """In the link's thread."""
         self._loss.observe(frame, self._state.system, arrived_s)
+        tapper = self._tapper
+        if tapper is not None:
+            tapper(frame, arrived_s)
         return self._thinning.wants(message_id, frame, arrived_s)
 
     def _take(self, message: Any, arrived_s: float) -> None:
