@@ -76,8 +76,10 @@ class FlightRecording:
             f"sidestep {version('sidestep')}",
             begun_clock_s=clock(),
         )
-        self.drone: Drone = RecordedDrone(drone, self.tape)
-        self.source: VideoSource = RecordedVideo(video, self.tape, clock)
+        self._taped = drone.gimbal is None
+        """What a gimbal told is not on the tape: such a flight is kept, but not for a replay."""
+        self.drone: Drone = RecordedDrone(drone, self.tape) if self._taped else drone
+        self.source: VideoSource = RecordedVideo(video, self.tape, clock) if self._taped else video
         self._telemetry: TlogWriter | None = None
         most = round(settings.record.max_mb * 1e6)
         try:
@@ -110,6 +112,8 @@ class FlightRecording:
         if kept is not None:
             self.tape.video_first_index = kept.first_index
             self.tape.video_note = kept.why
+        if not self._taped:
+            return
         try:
             write_tape(self._folder, self.tape)
         except OSError as error:

@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from mission.drones.drone import Bounds, Capabilities, Drone, DroneEvent, Order, OrderState, Path, Telemetry
+from mission.drones.drone import (
+    Bounds,
+    CameraPointer,
+    Capabilities,
+    Drone,
+    DroneEvent,
+    Order,
+    OrderState,
+    Path,
+    Telemetry,
+)
 from mission.observation.tape import AllPoses, OrderTape, Tape
 from mission.pose import Pose, PoseAt
 from mission.pose_history import PoseHistory
@@ -107,6 +117,11 @@ class RecordedDrone:
     def capabilities(self) -> Capabilities:
         """See `Drone`."""
         return self._drone.capabilities
+
+    @property
+    def gimbal(self) -> CameraPointer | None:
+        """See `Drone`."""
+        return self._drone.gimbal
 
     @property
     def origin(self) -> GeodeticOrigin | None:

@@ -9,7 +9,7 @@ from pathlib import Path as FilePath
 import cv2
 import numpy as np
 
-from mission.drones.drone import Bounds, Capabilities, DroneEvent, OrderState, Path, Telemetry
+from mission.drones.drone import Bounds, CameraPointer, Capabilities, DroneEvent, OrderState, Path, Telemetry
 from mission.errors import FlightEnded, VideoError
 from mission.observation.file_video import FileVideo
 from mission.observation.tape import OrderTape, Tape, picture_check
@@ -153,6 +153,11 @@ class ReplayedDrone:
         self._orders = iter(tape.orders)
         self._known = iter(tape.all_poses)
         self._now = tape.all_poses[-1] if tape.all_poses else None
+
+    @property
+    def gimbal(self) -> CameraPointer | None:
+        """None: flights with a gimbal have no tape."""
+        return None
 
     @property
     def origin(self) -> GeodeticOrigin | None:

@@ -22,12 +22,12 @@ from mission.observation.file_video import FileVideo
 from mission.observation.recording import RecordedDrone, RecordedVideo
 from mission.observation.replay import ReplayedDrone, ReplayedVideo
 from mission.observation.tape import Tape, read_tape, write_tape
-from mission.pose import PoseAt, PoseBuffer
+from mission.pose import Pose, PoseAt, PoseBuffer
 from mission.pose_history import PoseHistory
 from mission.records import Frame, Image, NoiseModel
 from mission.settings import MissionSettings
 from sitl.recorded.video_file import write_video
-from tests.mission.fakes import CAMERA, FakeDrone, FakeVideo, Pose, Sight, Walker
+from tests.mission.fakes import CAMERA, FakeDrone, FakeVideo, Sight, Walker
 from tests.mission.test_locate import Notes
 
 FRAMES = 500
