@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any, Protocol, cast, runtime_checkable
 
 from mission.camera import Camera, write_camera
-from mission.drones.drone import Drone
 from mission.errors import SidestepError
-from mission.located import TargetChoice
 from mission.logs.tlog_writer import TlogWriter
 from mission.observation.recording import RecordedDrone, RecordedVideo
 from mission.observation.tape import FOLDER, TELEMETRY, VIDEO, Tape, write_tape
+from mission.procedure.result import TargetChoice
 from mission.settings import MissionSettings
+from mission.vehicle.drone import Drone
 from mission.video import VideoSource
 from mission.video.recorder import Recordable
 

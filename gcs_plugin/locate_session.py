@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from importlib.metadata import version
 
 from gcs_plugin.cot.publisher import TakPublisher
-from gcs_plugin.flight_report.flight_folder import FlightFolder
 from gcs_plugin.flight_recording import FlightRecording
+from gcs_plugin.flight_report.flight_folder import FlightFolder
 from gcs_plugin.geotags.log import GeotagLog, Provenance
 from gcs_plugin.publish.messages import Link
 from gcs_plugin.publish.publisher import AnswerPublisher, Times

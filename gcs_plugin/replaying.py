@@ -12,10 +12,10 @@ from mission.detect import make_detector
 from mission.errors import SidestepError
 from mission.estimate.answer_line import error_line, estimate_line
 from mission.estimate.sightings_file import flight_lines
-from mission.locate import LOCAL_ORIGIN, Locate
-from mission.located import Located, Stage, TargetChoice
 from mission.observation.replay import ReplayedDrone, ReplayedVideo
 from mission.observation.tape import FOLDER, VIDEO, Tape, read_tape
+from mission.procedure.locate import LOCAL_ORIGIN, Locate
+from mission.procedure.result import LocateResult, Stage, TargetChoice
 from mission.records import Box, FlightSightings, Frame
 from mission.settings import MissionSettings
 from mission.track import Track, Tracker
@@ -27,7 +27,7 @@ class Replay:
 
     told: Callable[[str], None]
     flights: list[FlightSightings] = field(default_factory=list)
-    answers: list[Located] = field(default_factory=list)
+    answers: list[LocateResult] = field(default_factory=list)
     error: SidestepError | None = None
 
     def stage(self, stage: Stage, text: str) -> None:
@@ -41,11 +41,11 @@ class Replay:
         """See `Watcher`."""
         self.flights.append(flight)
 
-    def located(self, located: Located) -> None:
+    def located(self, located: LocateResult) -> None:
         """See `Watcher`."""
         self.answers.append(located)
 
-    def keep(self, located: Located) -> None:
+    def keep(self, located: LocateResult) -> None:
         """See `Watcher`."""
 
     def sightings_text(self) -> str:

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from mission.drones.drone import (
+from mission.observation.tape import AllPoses, OrderTape, Tape
+from mission.pose.buffer import Pose, PoseAt
+from mission.pose.history import PoseHistory
+from mission.records import Frame, GeodeticOrigin, NoiseModel
+from mission.vehicle.drone import (
     Bounds,
     CameraPointer,
     Capabilities,
@@ -16,10 +20,6 @@ from mission.drones.drone import (
     Path,
     Telemetry,
 )
-from mission.observation.tape import AllPoses, OrderTape, Tape
-from mission.pose import Pose, PoseAt
-from mission.pose_history import PoseHistory
-from mission.records import Frame, GeodeticOrigin, NoiseModel
 from mission.video import VideoSource, VideoStats
 
 FINAL = (OrderState.DONE, OrderState.REFUSED, OrderState.ENDED)

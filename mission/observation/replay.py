@@ -9,12 +9,12 @@ from pathlib import Path as FilePath
 import cv2
 import numpy as np
 
-from mission.drones.drone import Bounds, CameraPointer, Capabilities, DroneEvent, OrderState, Path, Telemetry
 from mission.errors import FlightEnded, VideoError
 from mission.observation.file_video import FileVideo
 from mission.observation.tape import OrderTape, Tape, picture_check
-from mission.pose import Pose, PoseAt
+from mission.pose.buffer import Pose, PoseAt
 from mission.records import Frame, GeodeticOrigin, NoiseModel
+from mission.vehicle.drone import Bounds, CameraPointer, Capabilities, DroneEvent, OrderState, Path, Telemetry
 from mission.video import VideoState, VideoStats
 
 _SHIFTS = 8

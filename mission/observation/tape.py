@@ -22,11 +22,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from mission.drones.drone import Telemetry
 from mission.errors import InputError
-from mission.pose import Pose
-from mission.pose_history import PoseHistory
+from mission.pose.buffer import Pose
+from mission.pose.history import PoseHistory
 from mission.records import Frame, GeodeticOrigin, NoiseModel
+from mission.vehicle.drone import Telemetry
 
 FOLDER: Final = "recording"
 TAPE: Final = "tape.json"

@@ -13,22 +13,22 @@ import numpy as np
 import pytest
 
 from mission.clock import ClockMap
-from mission.drones.drone import Drone
 from mission.errors import InputError, SidestepError, VideoError
 from mission.estimate.sightings_file import flight_lines
-from mission.locate import Locate
-from mission.located import Located, TargetChoice
 from mission.observation.file_video import FileVideo
 from mission.observation.recording import RecordedDrone, RecordedVideo
 from mission.observation.replay import ReplayedDrone, ReplayedVideo
 from mission.observation.tape import Tape, read_tape, write_tape
-from mission.pose import Pose, PoseAt, PoseBuffer
-from mission.pose_history import PoseHistory
+from mission.pose.buffer import Pose, PoseAt, PoseBuffer
+from mission.pose.history import PoseHistory
+from mission.procedure.locate import Locate
+from mission.procedure.result import LocateResult, TargetChoice
 from mission.records import Frame, Image, NoiseModel
 from mission.settings import MissionSettings
+from mission.vehicle.drone import Drone
 from sitl.recorded.video_file import write_video
-from tests.mission.fakes import CAMERA, FakeDrone, FakeVideo, Sight, Walker
-from tests.mission.test_locate import Notes
+from tests.mission.procedure.test_locate import Notes
+from tests.support.fakes import CAMERA, FakeDrone, FakeVideo, Sight, Walker
 
 FRAMES = 500
 SETTINGS = MissionSettings.model_validate({"video": {"check_offset": False}})
@@ -95,7 +95,7 @@ class ThenAndThere:
         return self.drone.pose_at(t_s)
 
 
-def located(procedure: Locate, notes: Notes) -> Located | SidestepError:
+def located(procedure: Locate, notes: Notes) -> LocateResult | SidestepError:
     try:
         return procedure.run(TargetChoice(), "flight")
     except SidestepError as error:
