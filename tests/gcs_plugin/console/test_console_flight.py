@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
-from gcs_plugin.geotags import read_geotags
+from gcs_plugin.geotags.log import read_geotags
 from mission.geodesy import geodetic_to_enu
 from sitl.autopilot import AutopilotProcess, Mode
-from sitl.scenario import read_scenario
-from sitl.simulation import Simulation, simulation
+from sitl.scenario.schema import read_scenario
+from sitl.simulation.processes import Simulation, simulation
 from tests.gcs_plugin.console.browsers import chromium, needs_chromium, page_of
-from tests.gcs_plugin.serve.station import Station, until
+from tests.support.station import Station, until
 
 pytestmark = [pytest.mark.flight, needs_chromium]
 DEMO = Path(__file__).parents[3] / "sitl" / "scenarios" / "two-people.toml"

@@ -11,11 +11,11 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, expect
 
-from gcs_plugin.component.orders import Follow, Locate
-from gcs_plugin.geotags import GeotagLog
+from gcs_plugin.component.orders import Follow, LocateOrder
+from gcs_plugin.geotags.log import GeotagLog
 from tests.gcs_plugin.console.browsers import chromium, needs_chromium, page_of
 from tests.gcs_plugin.console.page_client import Console, console, until
-from tests.gcs_plugin.sample import geotag, jpeg
+from tests.support.sample import geotag, jpeg
 
 pytestmark = needs_chromium
 PATIENCE_MS = 30_000
@@ -91,7 +91,7 @@ def test_a_person_is_marked_followed_located_and_the_flight_aborted_by_escape(tm
         assert order.mark.left == pytest.approx(0.25, abs=0.02)
         assert order.mark.bottom == pytest.approx(0.75, abs=0.02)
         page.locator("#locate").click()
-        assert until(lambda: Locate() in taken.orders)
+        assert until(lambda: LocateOrder() in taken.orders)
         expect(page.locator("#commander")).to_have_text("You are in command")
         page.keyboard.press("Escape")
         assert until(lambda: taken.aborts == 1)
