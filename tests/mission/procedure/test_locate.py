@@ -167,6 +167,20 @@ def test_whoever_takes_the_aircraft_keeps_it(kind: str) -> None:
     assert scene.drone.calls[-1] == "path", "nothing may be ordered after the pilot took over"
 
 
+def test_a_gimbal_that_tells_nothing_any_more_ends_the_flight_in_hold() -> None:
+    scene = Scene()
+    fly = scene.drone.fly
+
+    def silent(path: Path) -> FakeOrder:
+        scene.drone.seize("gimbal-lost", "the gimbal has told no attitude for 1 s")
+        return fly(path)
+
+    scene.drone.fly = silent  # type: ignore[method-assign]
+    with pytest.raises(FlightEnded, match="told no attitude"):
+        scene.run()
+    assert scene.drone.calls[-1] == "hold"
+
+
 @pytest.mark.parametrize("kind", ["pilot", "failsafe", "deadman", "pilot-process-lost"])
 def test_what_was_seen_is_answered_though_the_aircraft_is_taken_while_estimating(kind: str) -> None:
     scene = Scene()

@@ -10,6 +10,7 @@ import pytest
 from sitl.autopilot.gimbal_settings import GimbalSettings
 from sitl.field.case import HEIGHTS_M, FieldCase, drawn_field_cases
 from sitl.field.flight import BEGIN_S, FieldFlight
+from sitl.field.outcome import fly_case
 
 CASE = FieldCase(
     seed=3,
@@ -54,3 +55,15 @@ def test_the_person_is_in_the_first_picture() -> None:
         view = FieldFlight(case).seen(BEGIN_S)
         assert view is not None
         assert view.in_picture
+
+
+def test_a_whole_flight_finds_north_and_the_person() -> None:
+    near = replace(CASE, height_m=10.0, slant_m=20.0, size_px=(640, 360), hfov_deg=55.0)
+    found = fly_case(near)
+    assert found.answered, found.said
+    assert found.centred_share >= 0.9
+    assert abs(found.slant_error) < 0.1
+    assert found.nees < 14.0
+    assert found.bias_deg == pytest.approx(5.0, abs=0.5)
+    assert abs(found.north_error_deg) < max(1.5, 4.0 * found.north_sigma_deg)
+    assert "degrees off" in found.said
