@@ -20,7 +20,7 @@ from gcs_plugin.archive.result import (
     TARGET_COLUMNS,
 )
 from gcs_plugin.archive.run import RESULTS
-from gcs_plugin.durable import sync, unwritable
+from gcs_plugin.durable import sync, unwritable, write_whole
 from mission.errors import InputError
 
 _LAYERS: Final = (
@@ -109,3 +109,35 @@ def _add(connection: sqlite3.Connection, path: Path) -> None:
         connection.execute("COMMIT")
     finally:
         connection.execute("DETACH one")
+
+
+def merge_geojson(out: Path, target: Path) -> int:
+    """Everybody who was located, as a GeoJSON FeatureCollection (RFC 7946) of points; one line a person.
+
+    Args:
+        out: folder of an archive's run.
+        target: replaced where it is there.
+
+    Returns:
+        Number of people.
+
+    Raises:
+        InputError: there are no results.
+        AnswerError: it cannot be written.
+    """
+    people = [(told["flight"], one["number"], one) for _, told in results_of(out) for one in told.get("targets", ())]
+    people.sort(key=lambda row: row[:2])
+    lines = []
+    for flight, _, one in people:
+        properties = {"flight": flight, **{name: one[name] for name in _PROPERTIES}}
+        point = {"type": "Point", "coordinates": [one["lon_deg"], one["lat_deg"]]}
+        lines.append(json.dumps({"type": "Feature", "geometry": point, "properties": properties}, ensure_ascii=False))
+    text = '{"type": "FeatureCollection", "features": [\n' + ",\n".join(lines) + "\n]}\n"
+    write_whole(target, text.encode())
+    return len(lines)
+
+
+_PROPERTIES: Final = (
+    *("number", "time_utc", "video_s", "alt_m", "alt_datum", "ce90_m", "le90_m", "ellipse95", "velocity_enu_m_s"),
+    *("distance_m", "relative_sigma", "picture"),
+)

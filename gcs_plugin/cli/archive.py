@@ -97,11 +97,12 @@ def merge(
     output: Annotated[Path, typer.Argument(help="Folder of a run's journal and results.")],
     target: Annotated[Path | None, typer.Option(help="The file; OUTPUT/archive.gpkg if not given.")] = None,
 ) -> None:
-    """One GeoPackage of everybody in all results."""
+    """One GeoPackage of everybody in all results; GeoJSON for a file that is named so."""
     from gcs_plugin.archive.merge import merge as merged
+    from gcs_plugin.archive.merge import merge_geojson
 
     path = target or output / "archive.gpkg"
-    number = merged(output, path)
+    number = merge_geojson(output, path) if path.suffix.lower() in (".geojson", ".json") else merged(output, path)
     typer.echo(f"{number} people in {path}")
 
 
