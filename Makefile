@@ -1,5 +1,6 @@
 # The tests run beside each other, one process a core; those that fly in real time run alone, after the others.
-# make demo: set everything up and locate a simulated walking person.   make test: the tests.   make lint: style and types.
+# make demo: set everything up and locate a simulated walking person.   make test: the tests.   make lint: style, types,
+# the directions of imports, and the documentation built with warnings as errors.
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
@@ -24,6 +25,8 @@ lint: $(VENV)/installed
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/mkdocs build --strict --quiet --site-dir build/docs
 
 format: $(VENV)/installed
 	$(BIN)/ruff format .

@@ -18,8 +18,7 @@ from mission.errors import SettingsError
 from mission.records import ClassHeight, TargetPrior
 from mission.settings_names import unknown_name
 from mission.vehicle.drone import Bounds
-from mission.vehicle.limits import FlightSettings
-from mission.vehicle.mavlink.pose_quality import COMPASS_SIGMA_RAD
+from mission.vehicle.limits import COMPASS_SIGMA_RAD, FlightSettings
 
 
 class _Section(BaseModel):

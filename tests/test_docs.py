@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import re
 import shlex
 import shutil
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 from typer.core import TyperGroup
 
+import mission
 from gcs_plugin.cli.app import program
 from gcs_plugin.geotags.geotag import COLUMNS
 from gcs_plugin.geotags.log import GeotagLog
@@ -44,6 +46,13 @@ def arguments(line: str) -> list[str]:
     return words[: min(ends, default=len(words))]
 
 
+def with_files(folder: Path) -> None:
+    """The files that examples use."""
+    shutil.copy(ROOT / "tests" / "data" / "one-flight.jsonl", folder / "flight.jsonl")
+    (folder / "flights").mkdir()
+    GeotagLog(folder / "flights" / "geotags.gpkg").append(geotag())
+
+
 @pytest.mark.parametrize(("page", "line"), commands())
 def test_every_command_takes_its_arguments(page: str, line: str) -> None:
     group = program()
@@ -58,14 +67,42 @@ def test_every_command_takes_its_arguments(page: str, line: str) -> None:
 
 @pytest.mark.parametrize(("page", "line"), [found for found in commands() if arguments(found[1])[0] in QUICK])
 def test_quick_commands_run(page: str, line: str, tmp_path: Path) -> None:
-    shutil.copy(ROOT / "tests" / "data" / "one-flight.jsonl", tmp_path / "flight.jsonl")
-    (tmp_path / "flights").mkdir()
-    GeotagLog(tmp_path / "flights" / "geotags.gpkg").append(geotag())
+    with_files(tmp_path)
     command = re.sub(r"^sidestep\b", shlex.join([sys.executable, "-m", "gcs_plugin"]), line)
     command = command.replace("~/Documents", str(tmp_path))
     done = subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if ">>> " in page.read_text()], ids=lambda page: page.name)
+def test_python_examples_print_what_stands_there(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with_files(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    done = doctest.testfile(str(page), module_relative=False, optionflags=doctest.NORMALIZE_WHITESPACE)
+    assert done.attempted
+    assert not done.failed
+
+
+def test_the_example_of_the_package_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with_files(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    done = doctest.testmod(mission, extraglobs={"Path": Path})
+    assert done.attempted
+    assert not done.failed
+
+
+def test_every_public_name_leads_somewhere() -> None:
+    assert all(getattr(mission, name) is not None for name in mission.__all__)
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = mission.nothing
+
+
+def test_the_pages_build_without_warnings(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "library.html").exists()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

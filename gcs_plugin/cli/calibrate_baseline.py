@@ -19,7 +19,7 @@ from mission.calibration.baseline_flight import WallFlight, WallFlights
 from mission.calibration.wall import MarkerWall
 from mission.camera.file import read_camera
 from mission.errors import SettingsError, VideoError
-from mission.procedure.pattern import PAPER_BASELINE_M
+from mission.planning.pattern import PAPER_BASELINE_M
 from mission.vehicle.ardrone.url import is_ardrone
 from mission.vehicle.drone import Bounds
 from mission.vehicle.make import make_drone

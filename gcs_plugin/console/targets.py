@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from gcs_plugin.exports.grid import grid_reference
-from gcs_plugin.exports.outline import ellipse_rings, velocity_arrow
-from gcs_plugin.exports.words import motion_in_words, moves, name_of
-from gcs_plugin.exports.xml_text import zulu
+from gcs_plugin.exports.targets import Targets
 from gcs_plugin.geotags.geotag import Geotag
-from gcs_plugin.mavproxy.targets import Targets
+from gcs_plugin.geotags.grid import grid_reference
+from gcs_plugin.geotags.outline import ellipse_rings, velocity_arrow
+from gcs_plugin.geotags.words import motion_in_words, moves, name_of
+from gcs_plugin.xml_text import zulu
 
 SHOWN: Final = 100
 _SURE: Final = ((1.0, "within a step"), (3.0, "within a few steps"), (10.0, "within a house"), (50.0, "rough"))

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Final
 
-from gcs_plugin.exports.outline import ellipse_rings
-from gcs_plugin.exports.words import description, moves
-from gcs_plugin.exports.xml_text import element, xml_text, zulu
 from gcs_plugin.geotags.geotag import Geotag
+from gcs_plugin.geotags.outline import ellipse_rings
+from gcs_plugin.geotags.words import description, moves
+from gcs_plugin.xml_text import element, xml_text, zulu
 from mission.geodesy import Geodetic
 from mission.settings import CircularError, TakSettings
 

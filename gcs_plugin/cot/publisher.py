@@ -12,8 +12,8 @@ from typing import Final
 
 from gcs_plugin.cot.event import DroneState, drone_event, ellipse_event, target_event
 from gcs_plugin.cot.sender import CotSender, cot_sender
-from gcs_plugin.exports.words import moves
 from gcs_plugin.geotags.geotag import Geotag
+from gcs_plugin.geotags.words import moves
 from mission.camera import Camera
 from mission.geodesy import altitude_in, enu_to_geodetic
 from mission.settings import MissionSettings, TakSettings

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 
-from gcs_plugin.exports.outline import ARROW_S, ellipse_rings, flat_position, velocity_arrow
-from gcs_plugin.exports.words import description, moves, name_of
 from gcs_plugin.geotags.geotag import Geotag
+from gcs_plugin.geotags.outline import ARROW_S, ellipse_rings, flat_position, velocity_arrow
+from gcs_plugin.geotags.words import description, moves, name_of
 
 _RED, _AMBER = "#FF0000", "#FFA500"
 

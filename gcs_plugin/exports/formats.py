@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from gcs_plugin.cot.package import to_data_package
 from gcs_plugin.exports.caltopo import to_caltopo
+from gcs_plugin.exports.data_package import to_data_package
 from gcs_plugin.exports.gpx import to_gpx
 from gcs_plugin.exports.kml import to_kml
 from gcs_plugin.exports.kmz import to_kmz

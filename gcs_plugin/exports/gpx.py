@@ -9,10 +9,10 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from datetime import timedelta
 
-from gcs_plugin.exports.outline import ARROW_S, velocity_arrow
-from gcs_plugin.exports.words import description, moves, name_of
-from gcs_plugin.exports.xml_text import document, element, zulu
 from gcs_plugin.geotags.geotag import Geotag
+from gcs_plugin.geotags.outline import ARROW_S, velocity_arrow
+from gcs_plugin.geotags.words import description, moves, name_of
+from gcs_plugin.xml_text import document, element, zulu
 
 
 def to_gpx(geotags: Sequence[Geotag]) -> bytes:

@@ -9,11 +9,11 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from datetime import UTC
 
-from gcs_plugin.exports.grid import grid_reference
-from gcs_plugin.exports.outline import ARROW_S, Position, ellipse_rings, flat_position, velocity_arrow
-from gcs_plugin.exports.words import name_of
-from gcs_plugin.exports.xml_text import xml_text
 from gcs_plugin.geotags.geotag import Geotag
+from gcs_plugin.geotags.grid import grid_reference
+from gcs_plugin.geotags.outline import ARROW_S, Position, ellipse_rings, flat_position, velocity_arrow
+from gcs_plugin.geotags.words import name_of
+from gcs_plugin.xml_text import xml_text
 
 
 def to_kml(geotags: Sequence[Geotag], *, icon: str = "", pictures: Sequence[str | None] = ()) -> str:

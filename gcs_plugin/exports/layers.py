@@ -14,10 +14,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
-from gcs_plugin.exports.outline import Ring, ellipse_rings, velocity_arrow
-from gcs_plugin.exports.words import moves, name_of
 from gcs_plugin.geotags import geopackage
 from gcs_plugin.geotags.geotag import COLUMNS, Geotag, row
+from gcs_plugin.geotags.outline import Ring, ellipse_rings, velocity_arrow
+from gcs_plugin.geotags.words import moves, name_of
 
 TARGETS, ELLIPSES, WAYS, PICTURES = "targets", "ellipses", "ways", "pictures"
 _LINK: Final = "targets_pictures"

@@ -19,9 +19,9 @@ from PIL.ExifTags import IFD, Base
 from PIL.TiffImagePlugin import IFDRational
 from pyproj import Geod
 
-from gcs_plugin.exports.words import accuracy_in_words, description, name_of
-from gcs_plugin.exports.xml_text import xml_text, zulu
 from gcs_plugin.geotags.geotag import Geotag
+from gcs_plugin.geotags.words import accuracy_in_words, description, name_of
+from gcs_plugin.xml_text import xml_text, zulu
 from mission.errors import AnswerError
 from mission.geodesy import Geodetic
 

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final
 
 from gcs_plugin.exports.kml import to_kml
-from gcs_plugin.exports.outline import ellipse_rings, flat_position
 from gcs_plugin.geotags.geotag import COLUMNS, Cell, Geotag, as_json, row
+from gcs_plugin.geotags.outline import ellipse_rings, flat_position
 
 # A spreadsheet runs a cell that begins so as a formula; notes and names come from outside.
 _FORMULA_STARTS: Final = ("=", "+", "-", "@")

@@ -15,6 +15,7 @@ from typing import Any, Final
 from MAVProxy.modules.lib import mp_module, mp_settings, mp_util
 from pymavlink import mavutil
 
+from gcs_plugin.exports.targets import Targets
 from gcs_plugin.geotags.log import Geotag
 from gcs_plugin.mavproxy import arguments
 from gcs_plugin.mavproxy.arguments import TypedOrder
@@ -26,7 +27,6 @@ from gcs_plugin.mavproxy.output import Message
 from gcs_plugin.mavproxy.parameters import ParameterTalk, Peer
 from gcs_plugin.mavproxy.serve_process import DEFAULT_PROGRAM
 from gcs_plugin.mavproxy.target_map import TargetMap, marker_of, marker_of_fix
-from gcs_plugin.mavproxy.targets import Targets
 from mission.errors import SettingsError, SidestepError
 from mission.settings import read_settings
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from gcs_plugin.exports.outline import ellipse_rings
 from gcs_plugin.geotags.geotag import Geotag
+from gcs_plugin.geotags.outline import ellipse_rings
 from gcs_plugin.mavproxy.news import Fix
 
 LAYER: Final = "Sidestep"

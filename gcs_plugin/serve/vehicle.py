@@ -25,8 +25,8 @@ from mission.camera import Camera
 from mission.detect import make_detector
 from mission.errors import LinkError, SettingsError
 from mission.settings import MissionSettings
-from mission.vehicle.drone import Telemetry
-from mission.vehicle.make import AnyDrone, make_drone, mavlink_of
+from mission.vehicle.drone import Drone, Telemetry
+from mission.vehicle.make import make_drone, mavlink_of
 from mission.vehicle.pilot.preconditions import gimbal_refusal, unfit
 
 AGAIN_S: Final = 2.0
@@ -103,7 +103,7 @@ class VehicleService:
             finally:
                 drone.close()
 
-    def _serve(self, drone: AnyDrone) -> None:
+    def _serve(self, drone: Drone) -> None:
         """Be the camera component on the vehicle's link.
 
         Raises:

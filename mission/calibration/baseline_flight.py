@@ -20,9 +20,9 @@ from mission.calibration.baseline import DELAYS_S, HOVER_S, IMAGES, INTERVAL_S, 
 from mission.calibration.wall import WallSight
 from mission.camera.camera import Camera
 from mission.errors import FlightEnded, LinkError, VideoError
+from mission.planning.pattern import legs, paper_path
 from mission.pose.buffer import Pose, PoseAt, heading
 from mission.procedure.flight_loop import FlightLoop
-from mission.procedure.pattern import legs, paper_path
 from mission.records import CameraIntrinsics, Frame, Image, Vector
 from mission.vehicle.drone import Bounds, Drone
 from mission.video import VideoSource

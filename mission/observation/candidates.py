@@ -15,8 +15,8 @@ import numpy as np
 
 from mission.camera.camera import Camera
 from mission.camera.model import CameraModel
+from mission.planning.aim import PRESUMED_HEIGHT_M
 from mission.pose.buffer import PoseAt
-from mission.procedure.aim import PRESUMED_HEIGHT_M
 from mission.records import Detection, Vector
 from mission.sighting import camera_position, world_from_camera
 

@@ -16,9 +16,9 @@ from mission.camera.model import CameraModel
 from mission.errors import EstimateRefused
 from mission.estimate.bound import bound
 from mission.observation.candidates import Candidate
+from mission.planning.aim import PRESUMED_HEIGHT_M
 from mission.planning.bound import WALKING_PSD_M2_S3
 from mission.pose.buffer import PoseAt
-from mission.procedure.aim import PRESUMED_HEIGHT_M
 from mission.records import NoiseModel, TargetPrior, Vector
 from mission.sighting import camera_position, world_from_camera
 

@@ -14,8 +14,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 from mission.errors import EstimateRefused
 from mission.estimate.bound import bound
-from mission.procedure.aim import PRESUMED_HEIGHT_M
-from mission.procedure.pattern import lateral_path
+from mission.planning.aim import PRESUMED_HEIGHT_M
+from mission.planning.pattern import lateral_path
 from mission.records import CameraIntrinsics, Matrix, NoiseModel, TargetPrior, Vector
 from mission.settings import PatternSettings
 

@@ -18,7 +18,7 @@ from itertools import count
 
 from mission.errors import EstimateRefused, FlightRefused, SettingsError
 from mission.planning.bound import PEAK_ACCELERATION, PEAK_SPEED, Judge, Outlook, Plan, duration_s
-from mission.procedure.pattern import LARGEST_SHARE
+from mission.planning.pattern import LARGEST_SHARE
 from mission.settings import PatternSettings
 from mission.vehicle.drone import Bounds
 

@@ -21,13 +21,13 @@ from mission.errors import DetectionError, EstimateRefused, FlightEnded, FlightR
 from mission.estimate import ESTIMATORS
 from mission.estimate.noise_fit import with_fitted_noise
 from mission.estimate.passes import Passes
-from mission.pattern_choice import chosen_pattern
+from mission.planning.pattern import lateral_path
+from mission.planning.pattern_choice import chosen_pattern
 from mission.planning.planner import SideRoom
 from mission.pose.buffer import PoseAt
 from mission.procedure.centring import Centring
 from mission.procedure.flight_loop import FlightLoop
 from mission.procedure.flight_record import PICTURES, FlightRecord
-from mission.procedure.pattern import lateral_path
 from mission.procedure.pointing import Pointing, TargetTracker
 from mission.procedure.regain import Regain
 from mission.procedure.reposition import follow_path

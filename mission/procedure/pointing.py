@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from mission.camera.camera import Camera
 from mission.camera.model import CameraModel
+from mission.planning.aim import BANDWIDTH_S, LOOK_AHEAD_S, PRESUMED_HEIGHT_M, Aim, presumed_range, wrapped
 from mission.pose.buffer import Pose, heading
-from mission.procedure.aim import BANDWIDTH_S, LOOK_AHEAD_S, PRESUMED_HEIGHT_M, Aim, presumed_range, wrapped
 from mission.records import Box, Frame, Vector
 from mission.sighting import azimuth_of, camera_position, roll_of, rotation_shift, world_from_camera
 from mission.timing.background_rotation import Turn

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mission.procedure.pattern import legs
+from mission.planning.pattern import legs
 from mission.records import Estimate, Vector
 from mission.vehicle.drone import Path
 

@@ -11,11 +11,13 @@ import numpy as np
 from mission.records import Vector
 from mission.vehicle.drone import Bounds, EventKind, Path
 from mission.vehicle.fence import Fence
-from mission.vehicle.mavlink.pose_quality import COMPASS_SIGMA_RAD
 from mission.vehicle.path_follower import check_path, outside, setpoint_at
 from mission.vehicle.state.vehicle_state import VehicleState
 
 _CHECK_STEP_S = 0.02
+COMPASS_SIGMA_RAD = math.radians(4.0)
+"""Constant error of a heading that stands on a magnetometer: compass calibration, declination, currents of the motors.
+Autopilots report none; several degrees are usual, ten are met."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,19 +1,22 @@
-"""The aircraft behind an address: an AR.Drone for ``ardrone://``, a MAVLink vehicle for all others."""
+"""The aircraft behind an address: by its scheme one that an installed package offers, else a MAVLink vehicle.
+
+Packages offer aircraft by the entry point group `sidestep.drones`: the name is the scheme of their addresses, the
+object is called with the address, `flight`, `pilot_log` and `camera`, and returns a `Drone`, not yet connected.
+"""
 
 from __future__ import annotations
 
+from importlib.metadata import entry_points
 from pathlib import Path as FilePath
 
 from mission.camera.camera import Camera
-from mission.errors import SettingsError
-from mission.vehicle.ardrone.ardrone import ARDrone
-from mission.vehicle.ardrone.url import is_ardrone
+from mission.vehicle.drone import Drone
 from mission.vehicle.limits import FlightSettings
 from mission.vehicle.mavlink.link import MavlinkLink
 from mission.vehicle.mavlink.mavlink_drone import MavlinkDrone
 
-AnyDrone = MavlinkDrone | ARDrone
-"""Every aircraft that there is; all are `mission.vehicle.drone.Drone`."""
+DRONES = "sidestep.drones"
+"""The entry points of aircraft."""
 
 
 def make_drone(
@@ -24,11 +27,11 @@ def make_drone(
     pilot_log: FilePath | None = None,
     sparing: bool = False,
     camera: Camera | None = None,
-) -> AnyDrone:
+) -> Drone:
     """An aircraft, not yet connected.
 
     Args:
-        url: ``ardrone://HOST`` (`mission.vehicle.ardrone.url`) or a MAVLink address (`mission.vehicle.mavlink.url`).
+        url: ``ardrone://HOST``, another scheme of `sidestep.drones`, or a MAVLink address.
         target_system: a MAVLink vehicle's system id; 0 takes the first that is heard.
         flight: limits of the pilot process.
         pilot_log: file for the pilot process's own log.
@@ -38,11 +41,10 @@ def make_drone(
     Raises:
         SettingsError: the address is none, or the aircraft cannot have such a camera.
     """
+    for entry in entry_points(group=DRONES, name=url.partition("://")[0].lower()):
+        drone: Drone = entry.load()(url, flight=flight, pilot_log=pilot_log, camera=camera)
+        return drone
     on_gimbal = camera is not None and camera.gimbal == "mavlink"
-    if is_ardrone(url):
-        if on_gimbal:
-            raise SettingsError("an AR.Drone's camera is fixed, its camera file says gimbal", 'Say gimbal = "none".')
-        return ARDrone(url, flight=flight, pilot_log=pilot_log)
     return MavlinkDrone(
         url,
         target_system=target_system,
@@ -53,7 +55,7 @@ def make_drone(
     )
 
 
-def mavlink_of(drone: AnyDrone) -> MavlinkLink | None:
+def mavlink_of(drone: Drone) -> MavlinkLink | None:
     """The program's MAVLink side of a connected aircraft; None for one that does not speak MAVLink.
 
     Raises:

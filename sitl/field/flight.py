@@ -11,9 +11,9 @@ import numpy as np
 
 from mission.camera import Camera
 from mission.errors import DetectionError
+from mission.planning.pattern import lateral_path
 from mission.pose.buffer import Pose
 from mission.procedure.flight_record import PICTURES, FlightRecord
-from mission.procedure.pattern import lateral_path
 from mission.procedure.pointing import Pointing, TargetTracker
 from mission.records import Box, Frame, NoiseModel, Vector
 from mission.sighting import level_mounting

@@ -15,8 +15,10 @@ import numpy as np
 
 from mission.pose.buffer import Pose
 from mission.records import Vector
+from mission.vehicle.ardrone.ardrone import ARDrone
 from mission.vehicle.drone import Bounds, DroneEvent, Knot, Order, OrderState, Path
-from mission.vehicle.make import AnyDrone, make_drone
+from mission.vehicle.make import make_drone
+from mission.vehicle.mavlink.mavlink_drone import MavlinkDrone
 from sitl.aircraft.truth import TruthRing, VehicleTruth
 from sitl.ardrone import ArdroneConfig, ArdroneProcess, start_ardrone
 from sitl.autopilot.config import FlavourName
@@ -42,15 +44,23 @@ OUT_AND_BACK = Path(
         Knot(4.4, (0, 0, 0), (0, 0, 0)),
     )
 )
+OwnDrone = MavlinkDrone | ARDrone
 AnyFlown = TypeVar("AnyFlown", bound="Flown")
 STARVED = ("the program was silent", "no longer received", "is not heard")
 """Reasons why an order ends that a machine without time to spare brings about by itself."""
 
 
+def flown_by_url(url: str) -> OwnDrone:
+    """The aircraft behind an address, which has a pilot process."""
+    drone = make_drone(url)
+    assert isinstance(drone, MavlinkDrone | ARDrone)
+    return drone
+
+
 class Flown(ABC):
     """An aircraft in the air, and what only the simulation knows of it."""
 
-    def __init__(self, kind: str, drone: AnyDrone, ring: TruthRing) -> None:
+    def __init__(self, kind: str, drone: OwnDrone, ring: TruthRing) -> None:
         self.kind, self.drone, self.ring = kind, drone, ring
         self.cautions: list[str] = []
 
@@ -174,7 +184,7 @@ class MavlinkFlown(Flown):
     """A PX4 or an ArduPilot on a bench."""
 
     def __init__(self, bench: FaultBench) -> None:
-        super().__init__(bench.flavour, make_drone(bench.url), bench.ring)
+        super().__init__(bench.flavour, flown_by_url(bench.url), bench.ring)
         self.bench = bench
 
     def spoil(self, spoilt: bool) -> None:
@@ -186,7 +196,8 @@ class ArdroneFlown(Flown):
     """An AR.Drone, its Wi-Fi, and its port for AT commands, which anybody may send to."""
 
     def __init__(self, simulated: ArdroneProcess, wifi: BadWifi, ring: TruthRing) -> None:
-        super().__init__("ardrone", make_drone(f"ardrone://127.0.0.1?at={wifi.ports[0]}&navdata={wifi.ports[1]}"), ring)
+        url = f"ardrone://127.0.0.1?at={wifi.ports[0]}&navdata={wifi.ports[1]}"
+        super().__init__("ardrone", flown_by_url(url), ring)
         self.simulated, self.wifi = simulated, wifi
 
     def spoil(self, spoilt: bool) -> None:

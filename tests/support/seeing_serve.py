@@ -27,7 +27,7 @@ from mission.errors import VideoError
 from mission.pose.buffer import Pose
 from mission.records import Box, Detection, Frame, Image, Vector
 from mission.settings import MissionSettings, VideoSettings
-from mission.vehicle.make import AnyDrone
+from mission.vehicle.drone import Drone
 from mission.video import VideoSource
 from mission.video.stats import VideoState, VideoStats
 from tests.support.fakes import BLANK, CAMERA, FakeDrone, Sight, Walker
@@ -40,7 +40,7 @@ LATE_S = 0.25
 class Eyes(FakeDrone):
     """The poses of the real vehicle, for the stand-ins."""
 
-    real: AnyDrone | None = None
+    real: Drone | None = None
 
     def pose_at(self, t_s: float) -> Pose | None:
         return None if self.real is None else self.real.pose_at(t_s)
@@ -102,7 +102,7 @@ class SeeingService(VehicleService):
 
         self._crew = replace(self._crew, detector=sight, tracker=lambda: sight, open_camera=open_camera)
 
-    def _serve(self, drone: AnyDrone) -> None:
+    def _serve(self, drone: Drone) -> None:
         self._eyes.real = drone
         super()._serve(drone)
 

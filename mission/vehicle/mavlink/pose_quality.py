@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from mission.records import Matrix, NoiseModel
+from mission.vehicle.limits import COMPASS_SIGMA_RAD
 from mission.vehicle.state.vehicle_state import VehicleState
 
 _WALK_PER_ACCURACY = 0.1
@@ -23,10 +24,6 @@ _GOOD_GPS_M = 0.3
 _VERTICAL_FACTOR = 1.5
 _BAD_HEADING_CORRELATION_S = 4.0
 """The PX4 flight's heading error, 2.0 deg, changed by 1.8 deg over 2 s: a correlation of 0.6."""
-
-COMPASS_SIGMA_RAD = math.radians(4.0)
-"""Constant error of a heading that stands on a magnetometer: compass calibration, declination, currents of the motors.
-Autopilots report none; several degrees are usual, ten are met."""
 
 
 def noise_model(vehicle: VehicleState, compass_sigma_rad: float = COMPASS_SIGMA_RAD) -> NoiseModel:

@@ -25,8 +25,8 @@ from mission.camera.model import CameraModel
 from mission.errors import EstimateRefused
 from mission.estimate import ESTIMATORS
 from mission.estimate.noise_fit import with_fitted_noise
+from mission.planning.pattern import fitted, lateral_path
 from mission.pose.buffer import world_from_body
-from mission.procedure.pattern import fitted, lateral_path
 from mission.records import FlightSightings, GeodeticOrigin, Matrix, Sighting, Vector
 from mission.settings import PatternSettings
 from mission.track.noise import PIXEL_CORRELATION_S, SIZE_CORRELATION_S, pixel_sigma_px, size_sigma

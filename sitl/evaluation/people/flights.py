@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from mission.procedure.pattern import fitted, lateral_path
+from mission.planning.pattern import fitted, lateral_path
 from mission.records import ClassHeight, NoiseModel, TargetPrior
 from mission.settings import PatternSettings
-from mission.vehicle.mavlink.pose_quality import COMPASS_SIGMA_RAD
+from mission.vehicle.limits import COMPASS_SIGMA_RAD
 from sitl.autopilot import wide_family
 from sitl.evaluation.accuracy.flights import Pattern, SimulatedFlight, Walk, simulate
 from sitl.evaluation.accuracy.rows import CLOSEST_M, in_view

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from mission.procedure.pattern import fitted
+from mission.planning.pattern import fitted
 from mission.settings import PatternSettings
 from sitl.autopilot.estimate_errors import NoiseName
 from sitl.people.walk import Walk

@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 
 from mission.camera import Camera
+from mission.planning.pattern import lateral_path
 from mission.pose.buffer import Pose
-from mission.procedure.pattern import lateral_path
 from mission.records import Frame, GeodeticOrigin, NoiseModel, Vector
 from mission.vehicle.mavlink.pose_quality import attitude_covariance, noise_model, position_covariance
 from mission.vehicle.state.vehicle_state import VehicleState

@@ -14,7 +14,7 @@ from gcs_plugin.cli.calibrate_baseline import settings_text
 from gcs_plugin.cli.locate import _with_options
 from mission.calibration.baseline import baseline_table
 from mission.errors import SettingsError
-from mission.procedure.pattern import PAPER_BASELINE_M, lateral_path
+from mission.planning.pattern import PAPER_BASELINE_M, lateral_path
 from mission.settings import MissionSettings, read_settings
 
 ARDRONE = "ardrone://192.168.1.1"

@@ -14,7 +14,7 @@ import pytest
 from pyproj import Geod
 
 from gcs_plugin.cot.event import DroneState, drone_event, ellipse_event, target_event
-from gcs_plugin.cot.package import to_data_package
+from gcs_plugin.exports.data_package import to_data_package
 from mission.geodesy import Geodetic
 from mission.settings import TakSettings
 from tests.support.sample import NOON, estimate, geotag, jpeg, origin

@@ -22,12 +22,12 @@ from pyproj import Geod, Transformer
 from gcs_plugin.exports.caltopo import to_caltopo
 from gcs_plugin.exports.formats import FORMATS, format_of
 from gcs_plugin.exports.gpx import to_gpx
-from gcs_plugin.exports.grid import grid_reference
 from gcs_plugin.exports.kmz import to_kmz
 from gcs_plugin.exports.layers import to_geopackage
 from gcs_plugin.exports.picture import to_jpeg
-from gcs_plugin.exports.words import description, moves
 from gcs_plugin.geotags.geotag import Geotag
+from gcs_plugin.geotags.grid import grid_reference
+from gcs_plugin.geotags.words import description, moves
 from mission.errors import AnswerError, SettingsError
 from mission.records import GeodeticOrigin
 from tests.support.sample import estimate, geotag, jpeg, origin

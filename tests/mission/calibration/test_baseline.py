@@ -18,7 +18,7 @@ from mission.calibration.baseline import (
 from mission.calibration.wall import MarkerWall, WallSight
 from mission.camera import CameraModel
 from mission.errors import CalibrationError
-from mission.procedure.pattern import PAPER_BASELINE_M
+from mission.planning.pattern import PAPER_BASELINE_M
 from mission.records import CameraIntrinsics, Image, Vector
 
 LENS = CameraIntrinsics(640, 480, 516.0, 514.0, 312.0, 247.0)

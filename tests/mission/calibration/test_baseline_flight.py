@@ -11,8 +11,8 @@ from mission.calibration.baseline import baseline_table, reckoning_scale
 from mission.calibration.baseline_flight import AGAIN, WallFlights
 from mission.calibration.wall import WallSight
 from mission.errors import CalibrationError, FlightEnded, VideoError
+from mission.planning.pattern import PAPER_BASELINE_M
 from mission.pose.buffer import Pose
-from mission.procedure.pattern import PAPER_BASELINE_M
 from mission.records import CameraIntrinsics, Frame, Image
 from mission.vehicle.drone import Bounds
 from tests.support.fakes import CAMERA, FakeDrone, FakeOrder, FakeVideo

@@ -14,8 +14,8 @@ from mission.errors import EstimateRefused, FlightRefused, SettingsError
 from mission.estimate import ESTIMATORS
 from mission.estimate.bound import bound
 from mission.planning.bound import Judge, Outlook, Plan, duration_s, peak_speed_m_s, sampled
+from mission.planning.pattern import LARGEST_SHARE, fitted, lateral_path
 from mission.planning.planner import LARGEST_ACCELERATION_M_S2, Shortfall, SideRoom, plan
-from mission.procedure.pattern import LARGEST_SHARE, fitted, lateral_path
 from mission.records import CameraIntrinsics, NoiseModel, TargetPrior
 from mission.settings import PatternSettings
 from mission.vehicle.drone import Bounds

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mission.camera.model import CameraModel
+from mission.planning.aim import PRESUMED_HEIGHT_M
 from mission.pose.buffer import Pose, world_from_body
-from mission.procedure.aim import PRESUMED_HEIGHT_M
 from mission.procedure.pointing import Pointing
 from mission.records import Box, Frame, Vector
 from mission.sighting import camera_position, world_from_camera

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mission.procedure.pattern import lateral_path
+from mission.planning.pattern import lateral_path
 from mission.settings import PatternSettings
 from mission.vehicle.ardrone.navdata_options import Control
 from mission.vehicle.drone import Bounds, Knot, OrderState, Path

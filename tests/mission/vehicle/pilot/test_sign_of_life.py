@@ -14,9 +14,10 @@ from mission.pose.buffer import PoseBuffer
 from mission.pose.history import PoseHistory
 from mission.vehicle.ardrone.ardrone import ARDrone
 from mission.vehicle.drone import Bounds
-from mission.vehicle.make import AnyDrone
 from mission.vehicle.mavlink.mavlink_drone import MavlinkDrone
 from mission.vehicle.pilot.process import PilotProcess
+
+OwnDrone = MavlinkDrone | ARDrone
 
 
 class CountingPilot(PilotProcess):
@@ -40,7 +41,7 @@ class CountingPilot(PilotProcess):
 
 
 DRONES = [lambda: MavlinkDrone("udpin://127.0.0.1:1"), lambda: ARDrone("ardrone://127.0.0.1")]
-CALLS: list[Callable[[AnyDrone], object]] = [
+CALLS: list[Callable[[OwnDrone], object]] = [
     lambda drone: drone.pose_at(1.0),
     lambda drone: drone.poses()(1.0),
     lambda drone: drone.telemetry(),
@@ -51,7 +52,7 @@ CALLS: list[Callable[[AnyDrone], object]] = [
 
 
 @pytest.mark.parametrize("make", DRONES)
-def test_no_call_from_a_worker_is_a_sign_of_life(make: Callable[[], AnyDrone]) -> None:
+def test_no_call_from_a_worker_is_a_sign_of_life(make: Callable[[], OwnDrone]) -> None:
     drone, pilot = make(), CountingPilot()
     drone._pilot = pilot
     drone.begin(Bounds())
@@ -67,7 +68,7 @@ def test_no_call_from_a_worker_is_a_sign_of_life(make: Callable[[], AnyDrone]) -
 
 
 @pytest.mark.parametrize("make", DRONES)
-def test_reading_a_pose_is_no_sign_of_life_of_the_loop_either(make: Callable[[], AnyDrone]) -> None:
+def test_reading_a_pose_is_no_sign_of_life_of_the_loop_either(make: Callable[[], OwnDrone]) -> None:
     drone, pilot = make(), CountingPilot()
     drone._pilot = pilot
     drone.begin(Bounds())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mission.errors import AnswerError
-from mission.procedure.pattern import PAPER_BASELINE_M
+from mission.planning.pattern import PAPER_BASELINE_M
 from sitl.evaluation.ardrone.wall import SCENARIO, compare
 from sitl.scenario.schema import read_scenario
 

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 from gcs_plugin.cot.event import ellipse_event, target_event, target_uid
 from gcs_plugin.exports.archive import picture_name, zipped
-from gcs_plugin.exports.xml_text import element
 from gcs_plugin.geotags.geotag import Geotag
+from gcs_plugin.xml_text import element
 from mission.settings import TakSettings
 
 

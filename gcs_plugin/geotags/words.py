@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from gcs_plugin.exports.grid import grid_reference
 from gcs_plugin.geotags.geotag import Geotag
+from gcs_plugin.geotags.grid import grid_reference
 
 _COMPASS: Final = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
 MOVES_SIGMAS: Final = 2.0

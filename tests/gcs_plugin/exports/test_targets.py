@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from gcs_plugin.exports.targets import LOOK_S, Targets
 from gcs_plugin.geotags.log import GeotagLog
-from gcs_plugin.mavproxy.targets import LOOK_S, Targets
 from mission.errors import AnswerError, SettingsError
 from tests.support.sample import geotag
 

@@ -9,8 +9,8 @@ import pytest
 from pydantic import ValidationError
 
 from mission.camera.camera import Camera
-from mission.pattern_choice import chosen_pattern
 from mission.planning.bound import duration_s
+from mission.planning.pattern_choice import chosen_pattern
 from mission.planning.planner import SideRoom
 from mission.records import NoiseModel, TargetPrior
 from mission.settings import PatternSettings

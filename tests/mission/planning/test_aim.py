@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.procedure.aim import LARGEST_SPEED_M_S, Aim, presumed_range, wrapped
+from mission.planning.aim import LARGEST_SPEED_M_S, Aim, presumed_range, wrapped
 
 HERE = np.zeros(3)
 

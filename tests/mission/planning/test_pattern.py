@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.procedure.pattern import PAPER_BASELINE_M, fitted, lateral_path, left_of
+from mission.planning.pattern import PAPER_BASELINE_M, fitted, lateral_path, left_of
 from mission.settings import PatternSettings
 
 headings = st.floats(-math.pi, math.pi)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from mission.camera.camera import Camera
 from mission.errors import EstimateRefused, FlightRefused
 from mission.planning.bound import Outlook
+from mission.planning.pattern import fitted
 from mission.planning.planner import SideRoom, plan_in_flight
-from mission.procedure.pattern import fitted
 from mission.records import NoiseModel, TargetPrior
 from mission.settings import PatternSettings
 
