@@ -23,6 +23,8 @@ STEADY_S = 0.4
 TIMEOUT_S = 12.0
 WIGGLES_RAD = (math.radians(12.0), math.radians(18.0))
 """How far to turn; further when the first was too little to tell."""
+GIMBAL_WIGGLES_RAD = (math.radians(5.0), math.radians(8.0))
+"""Of a gimbal's lens, which is steady: less tells as much, and small people stay where they are looked for."""
 WIGGLE_S = 2.2
 """A yaw to one side, to the other and back."""
 
@@ -60,6 +62,7 @@ class Centring:
         self._offset: TimeOffset | None = None
         self._wiggle_s: float | None = None
         self._wiggles = 0
+        self._amounts = GIMBAL_WIGGLES_RAD if pointing.on_gimbal else WIGGLES_RAD
 
     def run(self) -> TimeOffset | None:
         """Turn until the target is in the middle; the time offset where it could be told.
@@ -98,7 +101,7 @@ class Centring:
             centred_since_s = None
             if self._measured():
                 continue
-            if self._wiggles == len(WIGGLES_RAD):
+            if self._wiggles == len(self._amounts):
                 self._give_up()
                 continue
             self._watcher.stage(Stage.CENTRE, "a short yaw wiggle measures the video's time offset")
@@ -118,7 +121,7 @@ class Centring:
             return None
         phase = (now_s - self._wiggle_s) / WIGGLE_S
         if phase < 1.0:
-            return WIGGLES_RAD[self._wiggles - 1] * math.sin(2.0 * math.pi * phase)
+            return self._amounts[self._wiggles - 1] * math.sin(2.0 * math.pi * phase)
         self._wiggle_s = None
         self._measured()
         return None

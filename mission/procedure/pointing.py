@@ -83,6 +83,11 @@ class Pointing:
         self.roll_rad = 0.0
         """The camera's roll about its optical axis at the last frame, as reported."""
 
+    @property
+    def on_gimbal(self) -> bool:
+        """Whether the camera is on a gimbal."""
+        return self._gimbal is not None
+
     def follow(self, frame: Frame, turn: Turn | None = None) -> Track:
         """Track the target into a frame and take its bearing into the aim.
 

@@ -13,6 +13,7 @@ from mission.camera import Camera
 from mission.errors import DetectionError
 from mission.planning.pattern import lateral_path
 from mission.pose.buffer import Pose
+from mission.procedure.centring import GIMBAL_WIGGLES_RAD, WIGGLE_S
 from mission.procedure.flight_record import PICTURES, FlightRecord
 from mission.procedure.pointing import Pointing, TargetTracker
 from mission.records import Box, Frame, NoiseModel, Vector
@@ -37,8 +38,6 @@ from sitl.simulation.processes import camera_of
 BEGIN_S: Final = -5.2
 """The first picture; the pattern begins at 0."""
 _WIGGLE_FROM_S: Final = -3.6
-_WIGGLE_S: Final = 2.2
-_WIGGLE_RAD: Final = math.radians(12.0)
 _BESIDE_RAD: Final = math.radians(4.0)
 """How far the lens looks beside the person at first, in azimuth and elevation (standard deviation)."""
 _WALKED_S: Final = 6.0
@@ -204,8 +203,8 @@ def follow(flight: FieldFlight, tracker: TargetTracker) -> FieldFollowed:
 
 
 def _wiggle(t_s: float) -> float:
-    phase = (t_s - _WIGGLE_FROM_S) / _WIGGLE_S
-    return _WIGGLE_RAD * math.sin(2.0 * math.pi * phase) if 0.0 < phase < 1.0 else 0.0
+    phase = (t_s - _WIGGLE_FROM_S) / WIGGLE_S
+    return GIMBAL_WIGGLES_RAD[0] * math.sin(2.0 * math.pi * phase) if 0.0 < phase < 1.0 else 0.0
 
 
 def _boxed(box: Box, seed: int) -> Box:
