@@ -8,6 +8,8 @@ SIDEWAYS_SIGMA = 0.008
 """Of one HOG centre sideways, body heights."""
 UPRIGHT_SIGMA = 0.008
 """Of the middle of one NanoDet box, upright, body heights."""
+USUAL_SIGMA = 0.009
+"""What `mission.track.motion.Motion.noise` is before anything is learnt: of rendered people, body heights."""
 BOX_SIDEWAYS_SIGMA = 0.04
 """Of the middle of one NanoDet box, sideways, body heights."""
 MATCH_SIGMA = 0.03
@@ -32,15 +34,16 @@ _FILTER_SIGMA = 0.02
 # 1.2 times (1.3 to 1.5 on flights with fresh seeds).
 
 
-def pixel_sigma_px(height_px: float, filter_sigma_px: float, cut_off: bool) -> float:
+def pixel_sigma_px(height_px: float, filter_sigma_px: float, cut_off: bool, learnt: float = USUAL_SIGMA) -> float:
     """Of the body's centre, per axis.
 
     Args:
         height_px: of the body.
         filter_sigma_px: what the filter knows; it counts where it is more than usual.
         cut_off: part of the body is out of the picture.
+        learnt: noise by this body's own innovations, body heights.
     """
-    usual = np.hypot(0.5, 0.009 * height_px) + (CUT_OFF_SIGMA * height_px if cut_off else 0.0)
+    usual = np.hypot(0.5, learnt * height_px) + (CUT_OFF_SIGMA * height_px if cut_off else 0.0)
     return float(np.hypot(usual, max(0.0, filter_sigma_px - _FILTER_SIGMA * height_px)))
 
 

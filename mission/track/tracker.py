@@ -37,6 +37,9 @@ _BODY = WindowedHog.BODY_PX
 _MIDDLE = np.array(WindowedHog.SIZE) / 2.0
 _SURE = (0.9, 0.97)
 """Probability from which on who is followed goes on to be, and from which on somebody is taken for the target again."""
+_SURE_CUT_OFF = 0.7
+"""The first of these where the picture cuts the target off: it is near and large, and second boxes are mostly parts of
+itself."""
 _LOOK_S = 0.12
 """How often everybody is looked at while the target is in view; while it is not, in every frame."""
 _RETURNING = 2
@@ -181,9 +184,11 @@ class Tracker:
         target.alike = told.alike
         target.box = None if told.box is None else found[told.box]
         target.near = tuple(one for k, one in enumerate(found) if k != told.box)
-        sure = told.box is not None and told.probability >= _SURE[target.state != "tracking"]
+        tracking = target.state == "tracking"
+        least = _SURE[1] if not tracking else _SURE_CUT_OFF if target.cut_off else _SURE[0]
+        sure = told.box is not None and told.probability >= least
         target.sure = target.sure + 1 if sure else 0
-        if target.state == "tracking":
+        if tracking:
             if not sure:
                 target.state = "coasting"
                 target.motion.vanish()
@@ -192,17 +197,10 @@ class Tracker:
 
     def _resume(self, frame: Frame, target: Target, told: Told, roll: float) -> None:
         """The target is in view again."""
-        body, height = target.box, told.person.walk.height_px
-        if body is None:
-            return
-        size = body.height_px if body.whole else height
-        place = body.middle(size, roll) or body.centre
-        target.motion = Motion(
-            place, size, noise.BOX_SIDEWAYS_SIGMA, noise.HEIGHT_SIGMA if body.whole else noise.CUT_OFF_SIZE_SIGMA
-        )
-        target.template = None
-        target.state = "tracking"
-        target.agreed_s = target.whole_s = frame.t_s
+        if target.box is not None:
+            _restart(target, target.box, told.person.walk.height_px, roll)
+            target.state = "tracking"
+            target.agreed_s = target.whole_s = frame.t_s
 
     def _measure(self, frame: Frame, target: Target, roll: float, dt_s: float) -> bool:
         """Where the target is, finely; False where nothing sees it."""
@@ -210,7 +208,7 @@ class Tracker:
         if told is not None and innovation_length(told, target.motion.pixel, target.motion.height_px, roll) > (
             _ASTRAY * target.motion.height_px
         ):
-            self._resume_at(target, told, roll)
+            _restart(target, told, target.motion.height_px, roll)
         window = _upright(frame.image, target.motion.pixel, target.motion.height_px, roll)
         looks = [self._see_sideways, self._see_upright]
         if self._frames % 2:
@@ -234,20 +232,13 @@ class Tracker:
                 target.template = Template.cut(window.image, body, _BODY, frame.t_s)
         return True
 
-    def _resume_at(self, target: Target, body: BodyDetection, roll: float) -> None:
-        """The fine measurement has strayed from the box that was told."""
-        size = body.height_px if body.whole else target.motion.height_px
-        place = body.middle(size, roll) or body.centre
-        target.motion = Motion(place, size, noise.BOX_SIDEWAYS_SIGMA, noise.CUT_OFF_SIZE_SIGMA)
-        target.template = None
-
     def _see_sideways(self, _frame: Frame, target: Target, window: Window, _roll: float) -> bool:
         """HOG: where the body is sideways."""
         hog = None if target.crowded else self._eyes.centre(window, NEAR)
         if hog is None:
             return False
         x, _ = window.to_frame(hog.x_px, float(_MIDDLE[1]))
-        target.motion.see(0, x, noise.SIDEWAYS_SIGMA)
+        target.motion.see_finely(0, x, noise.SIDEWAYS_SIGMA)
         return True
 
     def _see_upright(self, frame: Frame, target: Target, _window: Window, roll: float) -> bool:
@@ -271,7 +262,7 @@ class Tracker:
         middle = replace(body, feet_visible=False).middle(height, roll) if stretched else body.middle(height, roll)
         if not target.cut_off:
             target.motion.see_height(body.height_px, noise.HEIGHT_SIGMA)
-            target.motion.see(1, body.centre[1], noise.UPRIGHT_SIGMA)
+            target.motion.see_finely(1, body.centre[1], noise.UPRIGHT_SIGMA)
             target.height_s = frame.t_s
         elif middle is not None:
             target.motion.see(1, middle[1], noise.CUT_OFF_SIGMA)
@@ -312,11 +303,20 @@ class Tracker:
             state=state,
             box=Box(x - 0.2 * height, y - 0.5 * height, 0.4 * height, height),
             pixel=(x, y),
-            pixel_sigma_px=noise.pixel_sigma_px(height, filter_px, target.cut_off),
+            pixel_sigma_px=noise.pixel_sigma_px(height, filter_px, target.cut_off, target.motion.noise),
             height_px=height if fresh else None,
             size_sigma=noise.size_sigma(height, frame.t_s - target.height_s) if fresh else None,
             score=float(np.clip(score, 0.0, 1.0)),
         )
+
+
+def _restart(target: Target, body: BodyDetection, height: float, roll: float) -> None:
+    """Measure finely from a box on: the target was out of sight, or what was measured has strayed from it."""
+    size = body.height_px if body.whole else height
+    place = body.middle(size, roll) or body.centre
+    size_sigma = noise.HEIGHT_SIGMA if body.whole else noise.CUT_OFF_SIZE_SIGMA
+    target.motion = Motion(place, size, noise.BOX_SIDEWAYS_SIGMA, size_sigma).learnt_from(target.motion)
+    target.template = None
 
 
 def _body(window: Window, one: BodyDetection, height: float, roll: float) -> Body:
