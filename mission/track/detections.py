@@ -13,6 +13,8 @@ from mission.records import Box, Image, Vector
 
 _EDGE = 0.06
 """A box that comes this close to the edge of the picture, in body heights, may be cut off by it."""
+_SECOND_BOX = 0.15
+"""Two boxes nearer to each other than this, in body heights and in the logarithm of the height, are on one body."""
 _CROWD_BODY_PX = 80.0
 _CROWD_SIZE = (352, 192)
 """The window in which everybody around the target is looked for, pixels: about three of those of one person."""
@@ -152,7 +154,7 @@ class WindowDetectors:
             roll_rad: of the camera.
         """
         window = cut_window(image, centre, height_px, _CROWD_BODY_PX, _CROWD_SIZE, roll_rad)
-        return window, self._in(window)
+        return window, _distinct(self._in(window))
 
     def entire(self, image: Image, body: BodyDetection, roll_rad: float) -> BodyDetection:
         """A body again, in a window around what is seen of it; where it is not found there, as it was.
@@ -165,6 +167,20 @@ class WindowDetectors:
         _, bodies = self.bodies(image, body.centre, body.height_px, roll_rad)
         same = [b for b in bodies if float(np.hypot(*np.subtract(b.centre, body.centre))) < 0.25 * body.height_px]
         return max(same, key=lambda b: b.score, default=body)
+
+
+def _distinct(bodies: list[BodyDetection]) -> list[BodyDetection]:
+    """Without second boxes on the same body: next to a surer one and of its height."""
+    kept: list[BodyDetection] = []
+    for body in bodies:
+        room = _SECOND_BOX * body.height_px
+        if not any(
+            float(np.abs(np.subtract(body.centre, other.centre)).max()) < room
+            and abs(np.log(body.height_px / other.height_px)) < _SECOND_BOX
+            for other in kept
+        ):
+            kept.append(body)
+    return kept
 
 
 def _holds(window: Window, x: float, y: float) -> bool:
