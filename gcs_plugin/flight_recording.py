@@ -79,7 +79,9 @@ class FlightRecording:
         self._taped = drone.gimbal is None
         """What a gimbal told is not on the tape: such a flight is kept, but not for a replay."""
         self.drone: Drone = RecordedDrone(drone, self.tape) if self._taped else drone
-        self.source: VideoSource = RecordedVideo(video, self.tape, clock) if self._taped else video
+        taped = RecordedVideo(video, self.tape, clock)
+        self.source: VideoSource = taped if self._taped else video
+        self.clock = taped.clock if self._taped else clock
         self._telemetry: TlogWriter | None = None
         most = round(settings.record.max_mb * 1e6)
         try:

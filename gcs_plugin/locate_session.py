@@ -152,7 +152,7 @@ class LocateSession:
             self._settings,
             watcher or self.answer,
             aborted,
-            self._times.clock,
+            self._times.clock if recording is None else recording.clock,
         )
         try:
             return procedure.run(self._choice, self._flight_id)

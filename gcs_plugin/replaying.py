@@ -88,7 +88,7 @@ def replay(folder: Path, settings: MissionSettings | None, told: Callable[[str],
         used,
         found,
         lambda: False,
-        lambda: video.clock_s,
+        video.clock,
     )
     try:
         procedure.run(_choice(tape), tape.flight_id)

@@ -36,13 +36,26 @@ class RecordedVideo:
 
     def __init__(self, source: VideoSource, tape: Tape, clock: Callable[[], float]) -> None:
         self._source, self._tape, self._clock = source, tape, clock
+        self._given = False
 
     def latest(self, after_index: int, timeout_s: float) -> Frame | None:
         """See `VideoSource.latest`."""
+        self._given = False
         frame = self._source.latest(after_index, timeout_s)
         if frame is not None:
             self._tape.give(frame, self._clock())
+            self._given = True
         return frame
+
+    def clock(self) -> float:
+        """The program's clock for the procedure that is given these pictures: what it reads is noted, too.
+
+        While it waits for a picture it reads the clock as often as it happens to; that decides nothing.
+        """
+        now_s = self._clock()
+        if self._given:
+            self._tape.given[-1].read_s.append(now_s)
+        return now_s
 
     def stats(self) -> VideoStats:
         """See `VideoSource.stats`."""

@@ -43,6 +43,7 @@ class ReplayedVideo:
         self.number = 0
         """Pictures given so far."""
         self.clock_s = tape.begun_clock_s
+        self._reads: list[float] = []
         self.over = False
         """Whether more pictures were asked for than there are."""
 
@@ -92,7 +93,14 @@ class ReplayedVideo:
                 raise VideoError(f"the recording ends after {self.number} of {len(self._tape.given)} pictures")
         self.number += 1
         self.clock_s = given.clock_s
+        self._reads = given.read_s[::-1]
         return Frame(self._held[1].image, given.t_s, given.index)
+
+    def clock(self) -> float:
+        """What the flight's clock said when it was asked as often as now since this picture."""
+        if self._reads:
+            self.clock_s = self._reads.pop()
+        return self.clock_s
 
     def stats(self) -> VideoStats:
         """As at the end of the flight."""

@@ -43,6 +43,8 @@ class Given:
     t_s: float
     clock_s: float
     """Program time at which it was taken up."""
+    read_s: list[float] = field(default_factory=list)
+    """What the clock said each time it was asked, from then until the next picture was asked for."""
 
 
 @dataclass(slots=True)
@@ -131,7 +133,7 @@ def write_tape(folder: Path, tape: Tape) -> None:
         "choice": tape.choice,
         "software": tape.software,
         "begun_clock_s": tape.begun_clock_s,
-        "given": [[one.index, one.t_s, one.clock_s] for one in tape.given],
+        "given": [[one.index, one.t_s, one.clock_s, one.read_s] for one in tape.given],
         "check": tape.check,
         "poses": [[t_s, None if pose is None else _pose_row(pose)] for t_s, pose in tape.poses],
         "all_poses": [
