@@ -40,6 +40,10 @@ _KEPT_S = (0.5, 3.0)
 """How long somebody unseen is kept who was seen in fewer looks than that, and who was seen in as many."""
 _ADAPTED = 0.08
 """Share of a look in the memory of the colours."""
+_NEAR = 2.0
+"""Body heights within which somebody may be mistaken for the target."""
+_MAY_BE_TARGET = -1.0
+"""Evidence of the colours from which on they look like it, nats."""
 _GUESSED = (0.15, 0.3)
 """Standard deviations of place, body heights, and log height of who is cut off by the picture when first seen."""
 _LIKE_TARGET = 1.0
@@ -154,6 +158,17 @@ class Crowd:
     def looks_like_target(self, looks: Histogram) -> bool:
         """Whether somebody's colours speak for their being the target."""
         return self._own.evidence(likeness(looks, self.best.people[0].looks)) > _LIKE_TARGET
+
+    def mistakable(self, told: Told) -> bool:
+        """Whether somebody of the target's looks is near it, seen or not, so that only their ways tell them apart."""
+        target = told.person
+        height = target.walk.height_px
+        return any(
+            other.times >= _BELIEVED_LOOKS
+            and math.hypot(other.walk.x_px - target.walk.x_px, other.walk.y_px - target.walk.y_px) < _NEAR * height
+            and self._own.evidence(likeness(other.looks, target.looks)) > _MAY_BE_TARGET
+            for other in told.others
+        )
 
     def remember(self, before: Crowd) -> None:
         """Take over the target's looks, and how they vary, from before it was lost."""

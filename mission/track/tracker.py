@@ -37,11 +37,14 @@ _BODY = WindowedHog.BODY_PX
 _MIDDLE = np.array(WindowedHog.SIZE) / 2.0
 _SURE = (0.9, 0.97)
 """Probability from which on who is followed goes on to be, and from which on somebody is taken for the target again."""
+_MISTAKABLE = (0.995, 5)
+"""Probability, and looks running, for the second where somebody of the same looks is near: errors of successive looks
+have much in common, so that a wrong way may seem sure for a moment."""
 _SURE_CUT_OFF = 0.7
 """The first of these where the picture cuts the target off: it is near and large, and second boxes are mostly parts of
 itself."""
-_LOOK_S = 0.12
-"""How often everybody is looked at while the target is in view; while it is not, in every frame."""
+_LOOK_S = 0.1
+"""How often everybody is looked at: looks that follow closely tell the same, and would count as if they did not."""
 _RETURNING = 2
 """In how many looks running somebody must surely be the target to be followed after it was out of sight."""
 _ASTRAY = 0.3
@@ -131,7 +134,7 @@ class Tracker:
             return self._track(frame, target, 0.0)
         self._frames += 1
         dt_s = target.predict(frame.t_s, shift_px, passed)
-        if target.state == "coasting" or frame.t_s - target.look_s >= _LOOK_S:
+        if frame.t_s - target.look_s >= _LOOK_S:
             self._look(frame, target, roll_rad)
         if target.state == "tracking" and not self._measure(frame, target, roll_rad, dt_s):
             # Nobody is where the target should be: everybody has to be looked at.
@@ -185,14 +188,16 @@ class Tracker:
         target.box = None if told.box is None else found[told.box]
         target.near = tuple(one for k, one in enumerate(found) if k != told.box)
         tracking = target.state == "tracking"
-        least = _SURE[1] if not tracking else _SURE_CUT_OFF if target.cut_off else _SURE[0]
+        mistakable = not tracking and target.crowd.mistakable(told)
+        returning = (_SURE[1], _RETURNING) if not mistakable else _MISTAKABLE
+        least = returning[0] if not tracking else _SURE_CUT_OFF if target.cut_off else _SURE[0]
         sure = told.box is not None and told.probability >= least
         target.sure = target.sure + 1 if sure else 0
         if tracking:
             if not sure:
                 target.state = "coasting"
                 target.motion.vanish()
-        elif target.sure >= _RETURNING:
+        elif target.sure >= returning[1]:
             self._resume(frame, target, told, roll)
 
     def _resume(self, frame: Frame, target: Target, told: Told, roll: float) -> None:
