@@ -15,7 +15,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from gcs_plugin.component.orders import Follow, Order, ReleaseControl, point, rectangle
+from gcs_plugin.component.orders import Follow, LocateOrder, Order, ReleaseControl, point, rectangle
 from gcs_plugin.console.pictures import Pictures
 from gcs_plugin.console.scene import Scene
 from gcs_plugin.console.targets import TargetList
@@ -29,6 +29,8 @@ from mission.video import VideoSource, VideoStats
 
 OLD_PICTURE_S: Final = 4.0
 """Who was marked in a picture older than this may be anywhere by now."""
+FOLLOWED_S: Final = 1.5
+"""Who is followed was seen this recently, or may be somewhere else."""
 ANSWER_S: Final = 3.0
 LOOK_S: Final = 0.2
 _MOST_WAITING: Final = 20
@@ -130,6 +132,7 @@ class ConsoleDesk:
         self._next_look_s = -math.inf
         self.flight = Flight()
         self.status: Status | None = None
+        self._followed: tuple[float, tuple[float, float, float, float]] | None = None
 
     # What pages ask for.
 
@@ -163,8 +166,19 @@ class ConsoleDesk:
 
     @property
     def following(self) -> bool:
-        """Whether somebody who was marked is followed in the picture, and nothing flies."""
-        return self.status is not None and self.status.busy and not self.status.flying
+        """Whether somebody who was marked is followed in the picture, was just seen there, and nothing flies."""
+        followed = self._followed
+        if self.status is None or not self.status.busy or self.status.flying or followed is None:
+            return False
+        return self._clock() - followed[0] < FOLLOWED_S
+
+    def locate(self) -> Order | str:
+        """The order to locate who is followed, where they were just seen, and nobody else; or why there is none."""
+        followed = self._followed
+        if not self.following or followed is None:
+            return "nobody is followed; mark somebody first"
+        found = rectangle(*followed[1])
+        return "who is followed has left the picture" if found is None else LocateOrder(found)
 
     # What the vehicle's loop tells.
 
@@ -222,6 +236,11 @@ class ConsoleDesk:
     def frame(self, frame: Frame, track: Track | None) -> None:
         """A picture of the flight's loop."""
         self.pictures.offer(frame, track)
+        if track is not None and track.state == "tracking" and not self.flight.stage:
+            height, width = frame.image.shape[:2]
+            box = track.box
+            corners = box.left_px / width, box.top_px / height, box.right_px / width, box.bottom_px / height
+            self._followed = self._clock(), corners
         if track is not None and self._vehicle is not None and self.flight.stage == Stage.SIDESTEP.value:
             self.scene.sight(frame, track, self._vehicle.drone, self._vehicle.camera)
 
@@ -238,7 +257,7 @@ class ConsoleDesk:
 
     def ended(self) -> None:
         """The order has ended."""
-        self.flight = Flight()
+        self.flight, self._followed = Flight(), None
 
     def close(self) -> None:
         """The program ends."""

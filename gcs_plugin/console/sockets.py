@@ -16,7 +16,7 @@ from typing import Any, Final
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gcs_plugin.authority.rate import TokenBucket
-from gcs_plugin.component.orders import LocateOrder, Order
+from gcs_plugin.component.orders import Order
 from gcs_plugin.console.access import Session
 from gcs_plugin.console.command import Command
 from gcs_plugin.console.desk import ANSWER_S, ConsoleDesk, release_control
@@ -126,9 +126,7 @@ class Page:
         if kind == "take":
             return ""
         if kind == "unmark":
-            return await self._answered(None) if desk.following else ""
-        if kind == "locate" and not desk.following:
-            return "nobody is followed; mark somebody first"
+            return "" if desk.status is None or desk.status.flying else await self._answered(None)
         order = self._ordered(kind, message)
         if not isinstance(order, str):
             desk.said(f"{session.name} orders: {kind}")
@@ -137,7 +135,7 @@ class Page:
     def _ordered(self, kind: str, message: Mapping[str, Any]) -> Order | str:
         """The order that a message gives, or why there is none."""
         if kind == "locate":
-            return LocateOrder()
+            return self._room.desk.locate()
         if kind == "mark":
             return self._marked(message)
         return release_control(str(message.get("what"))) or "there is no such order"

@@ -22,6 +22,7 @@ from gcs_plugin.console.server import ConsoleServer
 from mission.detect import Detector
 from mission.records import Box, Detection, Frame
 from mission.settings import ConsoleSettings, MissionSettings
+from mission.track import Track
 from tests.support.fakes import CAMERA, FakeDrone
 
 AGENT = "test browser"
@@ -74,9 +75,12 @@ class Console:
         self.server.desk.detach()
 
     def offer(self, index: int) -> None:
-        """A picture as the flight's loop offers it."""
+        """A picture as the vehicle's loop offers it; who was marked is seen in it while an order runs."""
         image = np.full((48, 64, 3), index % 255, np.uint8)
-        self.server.desk.frame(Frame(image, time.monotonic(), index), None)
+        frame = Frame(image, time.monotonic(), index)
+        box = Box(16.0, 12.0, 16.0, 24.0)
+        track = Track(index, frame.t_s, "tracking", box, box.centre_px, 1.0, 24.0, 0.1, 1.0)
+        self.server.desk.frame(frame, track if self.taken.busy else None)
 
     def picture(self, index: int) -> int:
         """Publish a picture; its number."""

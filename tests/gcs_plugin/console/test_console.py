@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from gcs_plugin.component.orders import Follow, LocateOrder, ReleaseControl
+from gcs_plugin.component.orders import Follow, LocateOrder, Mark, ReleaseControl
 from gcs_plugin.console.passwords import read_passwords, set_password
 from gcs_plugin.console.server import ConsoleServer
 from gcs_plugin.console.sockets import MOST_PAGES
@@ -96,9 +96,12 @@ def test_who_is_marked_is_followed_and_then_located(running: Console, browser: B
         (order,) = running.taken.orders
         assert isinstance(order, Follow)
         assert (order.mark.left, order.mark.bottom) == (0.25, 0.75)
+        assert "mark somebody" in wire.order("locate")  # not seen yet
+        running.picture(2)
         assert until(lambda: running.server.desk.following)
         assert wire.order("locate") == ""
-        assert running.taken.orders[1] == LocateOrder()
+        located = running.taken.orders[1]
+        assert located == LocateOrder(Mark(0.25, 0.25, 0.5, 0.75))  # where the tracker has them, and nobody else
         assert wire.order("abort") == ""
         assert running.taken.aborts == 1
 

@@ -91,7 +91,7 @@ def test_a_person_is_marked_followed_located_and_the_flight_aborted_by_escape(tm
         assert order.mark.left == pytest.approx(0.25, abs=0.02)
         assert order.mark.bottom == pytest.approx(0.75, abs=0.02)
         page.locator("#locate").click()
-        assert until(lambda: LocateOrder() in taken.orders)
+        assert until(lambda: isinstance(taken.orders[-1], LocateOrder))
         expect(page.locator("#commander")).to_have_text("You are in command")
         page.keyboard.press("Escape")
         assert until(lambda: taken.aborts == 1)
@@ -102,6 +102,7 @@ def test_a_person_is_marked_followed_located_and_the_flight_aborted_by_escape(tm
 def test_a_second_page_watches_and_takes_over_when_the_first_has_gone(tmp_path: Path, browser: Browser) -> None:
     with filmed(tmp_path) as running:
         first, second = (page_of(browser, running.server.url, []) for _ in range(2))
+        expect(first.locator("#commander")).to_have_text("Nobody is in command")  # connected
         first.locator("#command").click()
         expect(second.locator("#commander")).to_have_text("Operator 1 is in command")
         expect(second.locator("#command")).to_be_disabled()
