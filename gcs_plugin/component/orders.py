@@ -58,14 +58,14 @@ class NextCandidate:
 
 
 @dataclass(frozen=True, slots=True)
-class ReleaseControl:
+class HandToAutopilot:
     """Give the last answer to the autopilot: as region of interest, as waypoint."""
 
     roi: bool
     waypoint: bool
 
 
-Order = LocateOrder | Follow | NextCandidate | ReleaseControl
+Order = LocateOrder | Follow | NextCandidate | HandToAutopilot
 
 ORDER_COMMANDS: Final = (
     mavlink.MAV_CMD_USER_1,
@@ -90,7 +90,7 @@ def order_of(command: int, params: Sequence[float], *, box_locates: bool) -> Ord
     if command == mavlink.MAV_CMD_USER_3:
         return NextCandidate()
     if command == mavlink.MAV_CMD_USER_4:
-        return _give_back(params[0])
+        return _hand_to_autopilot(params[0])
     if command == mavlink.MAV_CMD_CAMERA_TRACK_POINT:
         mark = point(*params[:2])
     elif command == mavlink.MAV_CMD_CAMERA_TRACK_RECTANGLE:
@@ -120,8 +120,8 @@ def rectangle(left: float, top: float, right: float, bottom: float) -> Mark | No
     return Mark(x0, y0, x1, y1) if x1 - x0 >= LEAST_SIDE and y1 - y0 >= LEAST_SIDE else None
 
 
-def _give_back(what: float) -> ReleaseControl | None:
+def _hand_to_autopilot(what: float) -> HandToAutopilot | None:
     """0 both, 1 the region of interest, 2 the waypoint."""
     if math.isnan(what):
         what = 0.0
-    return ReleaseControl(roi=what != 2.0, waypoint=what != 1.0) if what in (0.0, 1.0, 2.0) else None
+    return HandToAutopilot(roi=what != 2.0, waypoint=what != 1.0) if what in (0.0, 1.0, 2.0) else None

@@ -15,7 +15,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from gcs_plugin.component.orders import Follow, LocateOrder, Order, ReleaseControl, point, rectangle
+from gcs_plugin.component.orders import Follow, HandToAutopilot, LocateOrder, Order, point, rectangle
 from gcs_plugin.console.pictures import Pictures
 from gcs_plugin.console.scene import Scene
 from gcs_plugin.console.targets import TargetList
@@ -295,8 +295,9 @@ class ConsoleDesk:
                 return
 
 
-def release_control(what: str) -> ReleaseControl | None:
+def hand_to_autopilot(what: str) -> HandToAutopilot | None:
     """The order to give the last answer to the autopilot: look at it, or a waypoint beside it."""
-    return {"roi": ReleaseControl(roi=True, waypoint=False), "waypoint": ReleaseControl(roi=False, waypoint=True)}.get(
-        what
-    )
+    return {
+        "roi": HandToAutopilot(roi=True, waypoint=False),
+        "waypoint": HandToAutopilot(roi=False, waypoint=True),
+    }.get(what)

@@ -19,7 +19,7 @@ from gcs_plugin.authority.rate import TokenBucket
 from gcs_plugin.component.orders import Order
 from gcs_plugin.console.access import Session
 from gcs_plugin.console.command import Command
-from gcs_plugin.console.desk import ANSWER_S, ConsoleDesk, release_control
+from gcs_plugin.console.desk import ANSWER_S, ConsoleDesk, hand_to_autopilot
 from gcs_plugin.console.people import Lookout
 from gcs_plugin.console.pictures import Picture
 from gcs_plugin.console.state import state_json
@@ -138,7 +138,7 @@ class Page:
             return self._room.desk.locate()
         if kind == "mark":
             return self._marked(message)
-        return release_control(str(message.get("what"))) or "there is no such order"
+        return hand_to_autopilot(str(message.get("what"))) or "there is no such order"
 
     def _marked(self, message: Mapping[str, Any]) -> Order | str:
         picture, box = message.get("picture"), message.get("box")

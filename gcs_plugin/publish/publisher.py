@@ -167,9 +167,9 @@ class AnswerPublisher:
         Not before it holds: ArduPilot forgets its region of interest at the next setpoint with a heading.
         """
         self._outcome = replace(self._outcome, ended=located.ended)
-        self._give_back("roi", located.ended)
+        self._hand_to_autopilot("roi", located.ended)
         self._timing["last_frame_to_roi_s"] = self._times.clock() - located.last_frame_s
-        self._give_back("waypoint", located.ended)
+        self._hand_to_autopilot("waypoint", located.ended)
         self._try_again_to_log()
         self._write_answer()
         self._attempt("estimate.json", lambda: self._write_estimate(located))
@@ -196,8 +196,8 @@ class AnswerPublisher:
             said = f"{error.cause}; target {self.geotag.number} stands"
             self._progress.say(said)
             self._outcome = replace(self._outcome, ended=error.cause)
-            self._give_back("roi", error.cause)
-            self._give_back("waypoint", error.cause)
+            self._hand_to_autopilot("roi", error.cause)
+            self._hand_to_autopilot("waypoint", error.cause)
             self._write_answer()
         if self._seen:
             seen = tuple(self._seen)
@@ -275,7 +275,7 @@ class AnswerPublisher:
         if (tag := self.geotag) is not None:
             self._attempt("answer.json", lambda: self._folder.write_answer(tag, self._outcome))
 
-    def _give_back(self, what: What, over: str) -> None:
+    def _hand_to_autopilot(self, what: What, over: str) -> None:
         """To the autopilot, where the settings want it done without being asked for; not when the flight is over."""
         tag, autopilot_handoff = self.geotag, self._push_back
         if tag is None or autopilot_handoff is None or not autopilot_handoff.automatic(what):

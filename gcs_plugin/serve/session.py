@@ -18,7 +18,7 @@ from typing import Final, Protocol, TypeVar
 from pymavlink.dialects.v20 import all as mavlink
 from rich.console import Console
 
-from gcs_plugin.component import CameraComponent, Follow, LocateOrder, Mark, NextCandidate, Order, ReleaseControl
+from gcs_plugin.component import CameraComponent, Follow, HandToAutopilot, LocateOrder, Mark, NextCandidate, Order
 from gcs_plugin.component.commands import CANCELLED
 from gcs_plugin.component.tracking import TrackedBox
 from gcs_plugin.console.desk import ConsoleDesk
@@ -178,8 +178,8 @@ class ServeSession:
             match order:
                 case LocateOrder():
                     self._locate(order)
-                case ReleaseControl():
-                    self._give_back(order)
+                case HandToAutopilot():
+                    self._hand_to_autopilot(order)
                 case Follow() | NextCandidate():
                     self._follow(order)
             result = mavlink.MAV_RESULT_ACCEPTED
@@ -231,7 +231,7 @@ class ServeSession:
                 self._geotag = flight.answer.geotag or self._geotag
                 flight.answer.close()
 
-    def _give_back(self, order: ReleaseControl) -> None:
+    def _hand_to_autopilot(self, order: HandToAutopilot) -> None:
         """The last answer to the autopilot, as region of interest and waypoint."""
         autopilot_handoff = AutopilotHandoff(self._link, self._component.settings.answer)
         wanted: list[tuple[What, bool]] = [("roi", order.roi), ("waypoint", order.waypoint)]

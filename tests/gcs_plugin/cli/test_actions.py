@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from gcs_plugin.cli.actions import FILE_NAME, actions_file, register
 from gcs_plugin.component.identity import Identity
-from gcs_plugin.component.orders import STOP_COMMANDS, LocateOrder, NextCandidate, ReleaseControl, order_of
+from gcs_plugin.component.orders import STOP_COMMANDS, HandToAutopilot, LocateOrder, NextCandidate, order_of
 from mission.errors import SettingsError
 
 REQUIRED = {"label": str, "description": str, "mavCmd": int}
@@ -52,8 +52,8 @@ def test_every_button_is_an_order_that_the_component_knows_and_abort_is_among_th
     assert orders == [
         LocateOrder(),
         NextCandidate(),
-        ReleaseControl(roi=True, waypoint=False),
-        ReleaseControl(roi=False, waypoint=True),
+        HandToAutopilot(roi=True, waypoint=False),
+        HandToAutopilot(roi=False, waypoint=True),
     ]
     assert [action["label"] for action in actions if action["mavCmd"] in STOP_COMMANDS] == ["Locate: abort"]
 

@@ -27,5 +27,5 @@ def test_every_setting_is_printed() -> None:
     text = printed()
     for section in MissionSettings.model_fields:
         assert section in text
-    assert "length_m = 3.0  # how far to the side; above 0.2, at most 50.0" in text
+    assert "length_m = 3.0  # how far to the side; with accuracy_percent at most; above 0.2, at most 50.0" in text
     assert "out-and-back | s | paper" in text

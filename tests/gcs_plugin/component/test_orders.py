@@ -7,7 +7,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from gcs_plugin.component import Follow, LocateOrder, Mark, NextCandidate, ReleaseControl
+from gcs_plugin.component import Follow, HandToAutopilot, LocateOrder, Mark, NextCandidate
 from gcs_plugin.component.commands import CANCELLED
 from gcs_plugin.component.orders import order_of
 from mission.records import Box
@@ -181,7 +181,7 @@ def test_too_many_flights_in_a_minute_are_refused() -> None:
 def test_the_last_answer_is_given_to_the_autopilot_on_request(what: float, roi: bool, waypoint: bool) -> None:
     bench = Bench()
     bench.command(USER_4, what)
-    assert bench.turn() == ReleaseControl(roi, waypoint)
+    assert bench.turn() == HandToAutopilot(roi, waypoint)
     bench.component.ended(ACCEPTED)
     assert bench.acks() == [(USER_4, IN_PROGRESS), (USER_4, ACCEPTED)]
 

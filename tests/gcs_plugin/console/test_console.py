@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from gcs_plugin.component.orders import Follow, LocateOrder, Mark, ReleaseControl
+from gcs_plugin.component.orders import Follow, HandToAutopilot, LocateOrder, Mark
 from gcs_plugin.console.passwords import read_passwords, set_password
 from gcs_plugin.console.server import ConsoleServer
 from gcs_plugin.console.sockets import MOST_PAGES
@@ -150,7 +150,7 @@ def test_the_answer_is_given_back_to_the_autopilot(running: Console, browser: Br
     with browser.live() as wire:
         assert wire.order("give", what="roi") == ""
         assert wire.order("give", what="self-destruct") == "there is no such order"
-    assert running.taken.orders == [ReleaseControl(roi=True, waypoint=False)]
+    assert running.taken.orders == [HandToAutopilot(roi=True, waypoint=False)]
 
 
 def test_one_of_two_commanders_is_in_command(running: Console) -> None:

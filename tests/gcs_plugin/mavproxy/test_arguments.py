@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as mavlink
 
-from gcs_plugin.component.orders import LocateOrder, Mark, ReleaseControl, order_of
+from gcs_plugin.component.orders import HandToAutopilot, LocateOrder, Mark, order_of
 from gcs_plugin.mavproxy.arguments import ABORT, LOCATE, NEXT, PictureSize, TypedOrder, order
 from mission.errors import SettingsError
 
@@ -19,7 +19,7 @@ def test_the_words_are_the_orders_of_the_component() -> None:
     assert order(["next"], VGA) == TypedOrder(NEXT)
     assert order(["abort"], VGA) == TypedOrder(ABORT)
     waypoint = order(["waypoint"], VGA)
-    assert order_of(waypoint.command, (*waypoint.params, 0.0, 0.0, 0.0), box_locates=True) == ReleaseControl(
+    assert order_of(waypoint.command, (*waypoint.params, 0.0, 0.0, 0.0), box_locates=True) == HandToAutopilot(
         False, True
     )
     assert (LOCATE, ABORT, NEXT) == (mavlink.MAV_CMD_USER_1, mavlink.MAV_CMD_USER_2, mavlink.MAV_CMD_USER_3)
