@@ -73,6 +73,8 @@ NOT_PARAMETERS: Final = frozenset(
         "answer.adsb_url",
         "orders.component",
         "orders.video_url",
+        "record.video",
+        "record.max_mb",
     }
 )
 """Settings that are none; nor is any of [authority], [tak] and [console]."""
