@@ -131,12 +131,18 @@ class LocateSession:
             equipment.tak,
         )
 
-    def run(self, aborted: Callable[[], bool], watcher: Watcher | None = None) -> LocateResult:
+    def run(
+        self,
+        aborted: Callable[[], bool],
+        watcher: Watcher | None = None,
+        serve: Callable[[], None] = lambda: None,
+    ) -> LocateResult:
         """Fly and answer; `answer.finish` is left to do when the aircraft holds.
 
         Args:
             aborted: answers True as soon as the operator wants an end.
             watcher: is told instead of the answer, which it has to tell in turn.
+            serve: called in every turn of the flight's loop: what else this thread has to do meanwhile.
 
         Raises:
             SidestepError: there is no answer, see `mission.procedure.locate.Locate.run`; why is kept.
@@ -153,6 +159,7 @@ class LocateSession:
             watcher or self.answer,
             aborted,
             self._times.clock if recording is None else recording.clock,
+            serve,
         )
         try:
             return procedure.run(self._choice, self._flight_id)

@@ -34,9 +34,10 @@ class Following:
         detector: finds people.
         start: starts the tracker on a box of a frame.
         follower: follows from there.
-        stopped: looks at the link, and answers True when it should end.
+        stopped: answers True when it should end.
         meanwhile: does something long while the link is looked at.
         clock: the program's clock, seconds.
+        serve: called in every turn: looks at the link.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class Following:
         stopped: Callable[[], bool],
         meanwhile: Callable[[Callable[[], list[Detection]]], list[Detection]],
         clock: Callable[[], float],
+        serve: Callable[[], None] = lambda: None,
     ) -> None:
         self._video = video
         self._detector = detector
@@ -56,6 +58,7 @@ class Following:
         self._stopped = stopped
         self._meanwhile = meanwhile
         self._clock = clock
+        self._serve = serve
 
     def run(self, choose: Choose, timeout_s: float, show: Callable[[TrackedBox, Frame], None]) -> None:
         """Track until stopped.
@@ -96,7 +99,10 @@ class Following:
     def _frames(self) -> Iterator[Frame]:
         """New frames until stopped."""
         last_index, last_s = -1, self._clock()
-        while not self._stopped():
+        while True:
+            self._serve()
+            if self._stopped():
+                return
             frame = self._video.latest(last_index, FRAME_WAIT_S)
             if frame is not None:
                 last_index, last_s = frame.index, self._clock()

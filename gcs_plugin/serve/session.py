@@ -223,7 +223,7 @@ class ServeSession:
                 self._told = settings.answer.statustext  # the answer itself tells of a flight without one
                 desk = crew.console_desk
                 told = flight.answer if desk is None else ConsoleWatcher(desk, flight.answer)
-                located = flight.run(self._stopped_in_flight, Report(self._component, told))
+                located = flight.run(self._stopped, Report(self._component, told), self._component.step)
                 self._component.tracking(None)
                 self._meanwhile(partial(flight.answer.finish, located))
                 progress.say(f"done: {folder.path}")
@@ -252,9 +252,10 @@ class ServeSession:
             self._crew.detector,
             tracker.start,
             pointing,
-            self._stopped_in_flight,
+            self._stopped,
             self._meanwhile,
             self._crew.times.clock,
+            self._component.step,
         )
         following.run(self._chooser(order, camera), settings.detect.timeout_s, self._show)
 
@@ -284,11 +285,6 @@ class ServeSession:
 
     def _stopped(self) -> bool:
         return self._component.should_stop() or self._crew.abort.asked()
-
-    def _stopped_in_flight(self) -> bool:
-        """Called in every turn of the flight's loop, which thereby is the one that serves the stations."""
-        self._component.step()
-        return self._stopped()
 
     def _open_video(self) -> tuple[VideoSource, Camera]:
         if self._view is not None and self._plays_as_set():

@@ -33,6 +33,7 @@ class FlightLoop:
         aborted: answers True as soon as the operator wants an end.
         clock: the program's clock, seconds.
         caution: is told what the autopilot would do that the operator may not expect.
+        serve: called in every turn: what else this thread has to do meanwhile, such as answering ground stations.
     """
 
     def __init__(
@@ -42,12 +43,14 @@ class FlightLoop:
         aborted: Callable[[], bool],
         clock: Callable[[], float],
         caution: Callable[[str], None],
+        serve: Callable[[], None] = lambda: None,
     ) -> None:
         self._drone = drone
         self._video = video
         self._aborted = aborted
         self._clock = clock
         self._caution = caution
+        self._serve = serve
         self._order: Order | None = None
         self._last_index = -1
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sidestep-work")
@@ -150,7 +153,7 @@ class FlightLoop:
             if self._work is None or self._work.done():
                 return
             self._drone.telemetry()
-            self._aborted()  # ground stations are served in there
+            self._serve()
             wait((self._work,), timeout=FRAME_WAIT_S)
 
     def release_control(self, timeout_s: float = 5.0) -> str:
@@ -166,7 +169,7 @@ class FlightLoop:
         deadline = self._clock() + timeout_s
         while order.state in (OrderState.PENDING, OrderState.FLYING) and self._clock() < deadline:
             self._drone.telemetry()
-            self._aborted()  # it holds already; but ground stations are served in there
+            self._serve()
             self._video.latest(self._last_index, FRAME_WAIT_S)
         return "" if order.state is OrderState.DONE else order.reason or "no answer"
 
@@ -181,6 +184,7 @@ class FlightLoop:
                 raise FlightEnded(event.text, "Check the gimbal and its link; the aircraft holds.")
             if event.kind == "link-lost":
                 raise LinkError(event.text, "Check the link; the autopilot's own failsafe holds the aircraft.")
+        self._serve()
         if self._aborted():
             raise Aborted("aborted by the operator")
         if not self._drone.telemetry().connected:

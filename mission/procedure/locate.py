@@ -79,6 +79,7 @@ class Locate:
         watcher: is told of progress and of the answer.
         aborted: answers True as soon as the operator wants an end.
         clock: the program's clock, seconds.
+        serve: called in every turn of the flight's loop: what else this thread has to do meanwhile.
     """
 
     def __init__(
@@ -92,6 +93,7 @@ class Locate:
         watcher: Watcher,
         aborted: Callable[[], bool],
         clock: Callable[[], float] = time.monotonic,
+        serve: Callable[[], None] = lambda: None,
     ) -> None:
         self._drone = drone
         self._camera = camera
@@ -99,7 +101,7 @@ class Locate:
         self._settings = settings
         self._watcher = watcher
         self._clock = clock
-        self._loop = FlightLoop(drone, video, aborted, clock, partial(watcher.stage, Stage.DETECT))
+        self._loop = FlightLoop(drone, video, aborted, clock, partial(watcher.stage, Stage.DETECT), serve)
         self._tracker = tracker
         pose = None if camera.gimbal == "none" else drone.pose_at(clock() - POSE_AGE_S)
         meter = TimeOffsetMeter(camera, mounting=level_mounting(pose, camera)) if settings.video.check_offset else None

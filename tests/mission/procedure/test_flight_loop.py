@@ -26,11 +26,10 @@ def release_control(drone: FakeDrone) -> tuple[str, list[float]]:
     """What is said of it, and when the stations were served meanwhile."""
     served: list[float] = []
 
-    def aborted() -> bool:
+    def serve() -> None:
         served.append(drone.t_s)
-        return True
 
-    loop = FlightLoop(drone, FakeVideo(drone), aborted, lambda: drone.t_s, lambda _: None)
+    loop = FlightLoop(drone, FakeVideo(drone), lambda: True, lambda: drone.t_s, lambda _: None, serve)
     loop.fly(FakeOrder("hover"))
     return loop.release_control(), served
 
