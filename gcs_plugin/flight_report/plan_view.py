@@ -79,7 +79,9 @@ def plan_view(
         inside.append(truth_track[:, 1:3])
     _frame(axes, np.vstack(inside))
     _scale_bar(axes)
-    _north_arrow(side)
+    _north_arrow(axes)
+    side.set_xlim(0.0, 1.0)
+    side.set_ylim(0.0, 1.0)
     _panel(side, flight, estimate, truth_track, geodetic)
     figure.text(0.075, 0.945, _shortened(f"Sidestep {flight.id}", 60), fontsize=13, color=INK, weight="bold")
     content = io.BytesIO()
@@ -194,26 +196,29 @@ def _frame(axes: Axes, inside: Matrix) -> None:
 
 
 def _scale_bar(axes: Axes) -> None:
-    """A bar of a round length under the right corner, outside of the drawing."""
+    """A bar of a round length in the lower right corner of the map."""
     left, right = axes.get_xlim()
-    length = max(step for step in (1, 2, 5, 10, 20, 50, 100, 200, 500) if step <= max(1.0, 0.3 * (right - left)))
+    span = right - left
+    length = max(step for step in (1, 2, 5, 10, 20, 50, 100, 200, 500) if step <= max(1.0, 0.3 * span))
     where = axes.get_xaxis_transform()  # x in metres, y in fractions of the axes
-    axes.plot([right - length, right], [-0.083, -0.083], color=INK, linewidth=3, transform=where, clip_on=False)
-    axes.text(
-        right - length / 2.0, -0.098, f"{length} m", ha="center", va="top", fontsize=9, color=INK, transform=where
-    )
+    end = right - 0.03 * span
+    axes.plot([end - length, end], [0.03, 0.03], color=INK, linewidth=3, transform=where, zorder=10)
+    middle = end - length / 2.0
+    axes.text(middle, 0.04, f"{length} m", ha="center", va="bottom", fontsize=9, color=INK, transform=where, zorder=10)
 
 
-def _north_arrow(side: Axes) -> None:
-    side.set_xlim(0.0, 1.0)
-    side.set_ylim(0.0, 1.0)
-    side.annotate(
+def _north_arrow(axes: Axes) -> None:
+    """In the upper left corner of the map."""
+    axes.annotate(
         "",
-        xy=(0.94, 1.0),
-        xytext=(0.94, 0.90),
+        xy=(0.05, 0.97),
+        xytext=(0.05, 0.89),
+        xycoords="axes fraction",
+        textcoords="axes fraction",
         arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 2, "mutation_scale": 18},
+        zorder=10,
     )
-    side.text(0.94, 0.885, "N", ha="center", va="top", fontsize=12, weight="bold", color=INK)
+    axes.text(0.05, 0.885, "N", ha="center", va="top", fontsize=12, weight="bold", color=INK, transform=axes.transAxes)
 
 
 def _panel(side: Axes, flight: FlightSightings, estimate: Estimate, truth_track: Matrix | None, geodetic: bool) -> None:
