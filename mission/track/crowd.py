@@ -42,8 +42,10 @@ _ADAPTED = 0.08
 """Share of a look in the memory of the colours."""
 _NEAR = 2.0
 """Body heights within which somebody may be mistaken for the target."""
-_MAY_BE_TARGET = -1.0
-"""Evidence of the colours from which on they look like it, nats."""
+_STILL_NEAR_S = 1.0
+"""How long somebody unseen may still be near."""
+_AS_ALIKE = 1.5
+"""Standard deviations below the target's usual likeness to itself to which they look like it."""
 _GUESSED = (0.15, 0.3)
 """Standard deviations of place, body heights, and log height of who is cut off by the picture when first seen."""
 _LIKE_TARGET = 1.0
@@ -165,8 +167,9 @@ class Crowd:
         height = target.walk.height_px
         return any(
             other.times >= _BELIEVED_LOOKS
+            and self._look_s - other.seen_s < _STILL_NEAR_S
             and math.hypot(other.walk.x_px - target.walk.x_px, other.walk.y_px - target.walk.y_px) < _NEAR * height
-            and self._own.evidence(likeness(other.looks, target.looks)) > _MAY_BE_TARGET
+            and self._own.usual(likeness(other.looks, target.looks), _AS_ALIKE)
             for other in told.others
         )
 

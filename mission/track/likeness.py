@@ -40,9 +40,9 @@ class LikenessModel:
         others = other.density(max(alike, other.mean), _FLOOR[1])
         return math.log(own / others)
 
-    def usual(self, alike: float) -> bool:
+    def usual(self, alike: float, sigmas: float = 2.0) -> bool:
         """Whether the target itself would look like this, or more alike, in most looks."""
-        return alike > self._same.mean - 2.0 * self._same.sigma
+        return alike > self._same.mean - sigmas * self._same.sigma
 
 
 class _Learnt:

@@ -37,7 +37,7 @@ _BODY = WindowedHog.BODY_PX
 _MIDDLE = np.array(WindowedHog.SIZE) / 2.0
 _SURE = (0.9, 0.97)
 """Probability from which on who is followed goes on to be, and from which on somebody is taken for the target again."""
-_MISTAKABLE = (0.995, 5)
+_MISTAKABLE = (0.98, 4)
 """Probability, and looks running, for the second where somebody of the same looks is near: errors of successive looks
 have much in common, so that a wrong way may seem sure for a moment."""
 _SURE_CUT_OFF = 0.7
