@@ -112,10 +112,10 @@ def steadiness(tracks: Sequence[Track]) -> Steadiness:
     for run in runs:
         times = np.array([t.t_s for t in run])
         sigmas = np.array([t.pixel_sigma_px for t in run])
-        places += _scatter(times, np.array([t.pixel[0] for t in run]) / sigmas)
+        places += _scatter(times, np.array([t.pixel[0] for t in run]), sigmas)
         heights = np.array([math.nan if t.height_px is None else math.log(t.height_px) for t in run])
         size_sigmas = np.array([math.nan if t.size_sigma is None else t.size_sigma for t in run])
-        sizes += _scatter(times, heights / size_sigmas)
+        sizes += _scatter(times, heights, size_sigmas)
     held = sum(t.state == "tracking" for t in tracks) / max(1, len(tracks))
     return Steadiness(len(tracks), held, fragments, jumps, _rms(places), _rms(sizes))
 
@@ -126,7 +126,7 @@ def _jumped(last: Track, now: Track) -> bool:
     return apart(now.box, last.box) > _STEP + _SPEED * passed_s or grown > _GROWTH * max(1.0, passed_s)
 
 
-def _scatter(times: Vector, values: Vector) -> list[float]:
+def _scatter(times: Vector, values: Vector, sigmas: Vector) -> list[float]:
     """Mean squares about parabolas through windows that overlap by half."""
     answer = []
     for first in range(0, len(times) - _WINDOW + 1, _WINDOW // 2):
@@ -134,6 +134,7 @@ def _scatter(times: Vector, values: Vector) -> list[float]:
         powers = np.vander(times[part] - times[part].mean(), 3)
         if np.isfinite(values[part]).all():
             left = values[part] - powers @ np.linalg.lstsq(powers, values[part], rcond=None)[0]
+            left = left / sigmas[part]
             answer.append(float(left @ left) / (_WINDOW - 3))
     return answer
 
