@@ -65,7 +65,8 @@ def merge(out: Path, target: Path) -> int:
     flights = sorted((told["flight"], folder) for folder, told in results_of(out))
     draft = target.with_name(f".{target.name}.{os.getpid()}.merge")
     try:
-        write_layers(draft, [Layer(name, DESCRIPTIONS[name], kind, cols, ()) for name, kind, cols in _LAYERS], _NO_DATE)  # type: ignore[arg-type]
+        layers = [Layer(name, DESCRIPTIONS[name], kind, cols, ()) for name, kind, cols in _LAYERS]  # type: ignore[arg-type]  # names are literals there
+        write_layers(draft, layers, _NO_DATE)
         connection = sqlite3.connect(draft, isolation_level=None)
         try:
             connection.execute("PRAGMA journal_mode = MEMORY")

@@ -31,7 +31,7 @@ def main() -> int:
     try:
         key = job_key(job, settings)
     except OSError as error:
-        print(json.dumps({"key": "", "why": f"{error.filename} cannot be read: {error.strerror}"}))  # noqa: T201
+        print(json.dumps({"key": "", "why": f"{error.filename} cannot be read: {error.strerror}"}))  # noqa: T201  # read by the parent
         return 0
     out = result_folder(results, key)
     why = None
@@ -39,13 +39,13 @@ def main() -> int:
         if not is_done(out):
             why = run_job(job, settings, out, key)
     except AnswerError as error:
-        print(json.dumps({"key": key, "why": str(error)}))  # noqa: T201
+        print(json.dumps({"key": key, "why": str(error)}))  # noqa: T201  # read by the parent
         return CANNOT_WRITE
     if why is None:
         from gcs_plugin.archive.result import RESULT
 
         why = json.loads((out / RESULT).read_text(encoding="utf-8"))["error"] or ""
-    print(json.dumps({"key": key, "why": why}))  # noqa: T201
+    print(json.dumps({"key": key, "why": why}))  # noqa: T201  # read by the parent
     return 0
 
 

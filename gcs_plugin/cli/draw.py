@@ -39,7 +39,7 @@ def register(app: typer.Typer) -> None:
             raise SightingsFormatError(f"no flight in {folder / 'sightings.jsonl'}: {why}")
         estimate = ESTIMATORS["batch"].estimate(flight)
         track = None if truth is None else read_track(truth)
-        write_whole(path, plan_view(flight, estimate, truth_track=track, form=form))
+        write_whole(path, plan_view(flight, estimate, truth_track=track, sited=False, form=form))
         typer.echo(f"drawn: {path}")
 
 

@@ -37,6 +37,7 @@ def plan_view(
     drone_track: Matrix | None = None,
     truth_track: Matrix | None = None,
     geodetic: bool = True,
+    sited: bool = True,
     size_px: tuple[int, int] = (1500, 1050),
     form: Form = "png",
 ) -> bytes:
@@ -48,6 +49,7 @@ def plan_view(
         drone_track: rows of time, east, north, up; the positions of the sightings without it.
         truth_track: where the target really was, likewise; its last row belongs to the last sighting.
         geodetic: whether the flight's origin is a real place, so that coordinates mean something.
+        sited: whether the covariance holds the aircraft's own position error too; said of CE90 where it does not.
         size_px: width and height, at 150 pixels an inch.
         form: what to make.
 
@@ -82,7 +84,7 @@ def plan_view(
     _north_arrow(axes)
     side.set_xlim(0.0, 1.0)
     side.set_ylim(0.0, 1.0)
-    _panel(side, flight, estimate, truth_track, geodetic)
+    _panel(side, _numbers(flight, estimate, truth_track, geodetic, sited), estimate, truth_track)
     figure.text(0.075, 0.945, _shortened(f"Sidestep {flight.id}", 60), fontsize=13, color=INK, weight="bold")
     content = io.BytesIO()
     figure.savefig(content, format=form)
@@ -221,10 +223,12 @@ def _north_arrow(axes: Axes) -> None:
     axes.text(0.05, 0.885, "N", ha="center", va="top", fontsize=12, weight="bold", color=INK, transform=axes.transAxes)
 
 
-def _panel(side: Axes, flight: FlightSightings, estimate: Estimate, truth_track: Matrix | None, geodetic: bool) -> None:
+def _panel(
+    side: Axes, numbers: list[tuple[str, Sequence[str]]], estimate: Estimate, truth_track: Matrix | None
+) -> None:
     """The numbers, and what the lines mean."""
     y = 1.0
-    for name, value in _numbers(flight, estimate, truth_track, geodetic):
+    for name, value in numbers:
         side.text(0.0, y, name, fontsize=8.5, color="#64727f", va="top")
         for line in value:
             y -= 0.034
@@ -257,7 +261,7 @@ def _panel(side: Axes, flight: FlightSightings, estimate: Estimate, truth_track:
 
 
 def _numbers(
-    flight: FlightSightings, estimate: Estimate, truth_track: Matrix | None, geodetic: bool
+    flight: FlightSightings, estimate: Estimate, truth_track: Matrix | None, geodetic: bool, sited: bool
 ) -> list[tuple[str, Sequence[str]]]:
     numbers: list[tuple[str, Sequence[str]]] = []
     if geodetic:
@@ -267,7 +271,7 @@ def _numbers(
     numbers.append(("depth at the first sighting", (f"{estimate.depth_m:.2f} m",)))
     if estimate.covariance is not None:
         circle, height = ce90_m(estimate.covariance[:2, :2]), le90_m(float(estimate.covariance[2, 2]))
-        numbers.append(("CE90 / LE90", (f"{circle:.2f} m / {height:.2f} m",)))
+        numbers.append((f"CE90 / LE90{'' if sited else ' beside the drone'}", (f"{circle:.2f} m / {height:.2f} m",)))
     if estimate.velocity_enu_m_s is not None:
         east, north = estimate.velocity_enu_m_s[:2]
         course = f" towards {math.degrees(math.atan2(east, north)) % 360.0:03.0f}\N{DEGREE SIGN}"

@@ -107,4 +107,4 @@ def lasting_console() -> Console:
     sys.stdout.flush()
     output = LastingOutput(descriptor, sys.stdout.encoding or "utf-8")
     atexit.register(output.drain, LAST_PATIENCE_S)
-    return Console(highlight=False, file=output)  # type: ignore[arg-type]
+    return Console(highlight=False, file=output)  # type: ignore[arg-type]  # writes what rich writes

@@ -31,11 +31,6 @@ class SizePrior:
     share: float
     kind: Literal["unknown", "stated", "class", "other"]
 
-    @property
-    def log_share(self) -> float:
-        """Logarithm of its probability."""
-        return math.log(self.share)
-
     @staticmethod
     def unknown() -> SizePrior:
         """Nothing is known."""

@@ -107,7 +107,7 @@ class FileVideo:
                 raise self._unreadable(error) from error
             self.damaged += 1  # a file that ends in the middle
 
-    def _decode(self, packet: av.Packet) -> list[VideoFrame]:  # type: ignore[type-arg]
+    def _decode(self, packet: av.Packet) -> list[VideoFrame]:  # type: ignore[type-arg]  # generic in the stubs only
         try:
             return [frame for frame in packet.decode() if isinstance(frame, VideoFrame)]
         except av.error.InvalidDataError:

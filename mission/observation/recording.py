@@ -230,5 +230,5 @@ class RecordedDrone:
     def _noted(self, order: Order) -> RecordedOrder:
         tape = OrderTape(order.kind)
         self._tape.orders.append(tape)
-        given: list[object] = self._tape.given  # type: ignore[assignment]
+        given: list[object] = self._tape.given  # type: ignore[assignment]  # a list is invariant
         return RecordedOrder(order, tape, given)

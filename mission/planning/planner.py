@@ -119,10 +119,7 @@ def plan(wanted_sigma_m: float, outlook: Outlook, room: SideRoom) -> Plan | Shor
         FlightRefused: no pattern fits into the room.
         EstimateRefused: no pattern that fits determines the target at all.
     """
-    _check(wanted_sigma_m, outlook, room)
-    found = _search(wanted_sigma_m, outlook, room)
-    if found is None:
-        raise EstimateRefused("No pattern in this room determines the target's distance", "Give it more room or time.")
+    found = _best(wanted_sigma_m, outlook, room)
     if found.worst_sigma_m <= wanted_sigma_m:
         return found
     return Shortfall(wanted_sigma_m, found, tuple(_helps(wanted_sigma_m, outlook, room)))
@@ -141,10 +138,16 @@ def plan_in_flight(wanted_sigma_m: float, outlook: Outlook, room: SideRoom) -> P
         FlightRefused: no pattern fits into the room.
         EstimateRefused: no pattern that fits determines the target at all.
     """
+    found = _best(wanted_sigma_m, outlook, room)
+    if found.worst_sigma_m <= wanted_sigma_m:
+        return found
+    return _search(NEARLY * found.worst_sigma_m, outlook, room) or found
+
+
+def _best(wanted_sigma_m: float, outlook: Outlook, room: SideRoom) -> Plan:
+    """The shortest pattern that reaches the wanted sigma, or failing that the best one; raises as `plan` says."""
     _check(wanted_sigma_m, outlook, room)
     found = _search(wanted_sigma_m, outlook, room)
-    if found is not None and found.worst_sigma_m > wanted_sigma_m:
-        found = _search(NEARLY * found.worst_sigma_m, outlook, room)
     if found is None:
         raise EstimateRefused("No pattern in this room determines the target's distance", "Give it more room or time.")
     return found

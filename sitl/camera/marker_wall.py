@@ -49,16 +49,6 @@ def marker_wall(wall: MarkerWall, sun: Vector) -> list[TriangleBatch]:
     return [batch for mesh in meshes if (batch := mesh.batch()) is not None]
 
 
-def marker_middles(wall: MarkerWall) -> Vector:
-    """(N, 3): the middles of the markers, ENU."""
-    bearing = math.radians(wall.bearing_deg)
-    ahead = np.array([math.sin(bearing), math.cos(bearing), 0.0])
-    right = np.array([math.cos(bearing), -math.sin(bearing), 0.0])
-    along = np.arange(wall.markers) * wall.spacing_m - wall.left_m
-    middles: Vector = wall.distance_m * ahead + wall.middle_m * _UP + along[:, None] * right
-    return middles
-
-
 def _marker(number: int) -> Image:
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     picture = np.full((8 * _CELL_PX, 8 * _CELL_PX), 255, np.uint8)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 
@@ -72,11 +71,6 @@ def local_set(reports: Reports, i: int) -> bytes:
     whole = _KEY + _length(len(body) + 4) + body + b"\x01\x02"
     total = sum(byte << (8 if place % 2 == 0 else 0) for place, byte in enumerate(whole))
     return whole + (total & 0xFFFF).to_bytes(2, "big")
-
-
-def frame_reports(reports: Reports, exposed_s: Sequence[float]) -> Reports:
-    """The reports at the frames' exposures."""
-    return reports.at(np.array(exposed_s))
 
 
 def _field(tag: int, value: bytes) -> bytes:

@@ -28,7 +28,7 @@ class Notes:
     answers: list[LocateResult] = field(default_factory=list)
     texts: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
-    """Why the flight was over when an answer was stored."""
+    """An entry for each answer that was stored."""
     frames: int = 0
     tracked_in: Counter[Stage] = field(default_factory=Counter)
 
